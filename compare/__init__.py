@@ -1,13 +1,16 @@
-"""Twins, deviations and the report: the only room that sees both measurement and simulation.
+"""Comparison of measurement and simulation: twins, deviations, reports, diagnosis and published tables.
 
-::
-
-    comparison    a lab compared with its twins, from lab.toml to report.html
-    beforehand    what of a lab cannot work, said before any work
-    repetitions   measures all repetitions, several at a time
-    twin          the simulated counterpart of an experiment, read with the same ruler
-    cast          particle, wall and contact for a twin asked for by name
-    deviation     repetitions combined; measured beside simulated
-    results       CSV, JSON, provenance; all files or none
-    report        the page for a person, with figures and wording
+- `compare_lab`: compares a lab with its twins, from lab.toml to report.html.
+- `comparison`: the result of a comparison and its warnings.
+- `preflight`: finds impossible settings before anything is measured or simulated.
+- `measure_repetitions`: measures all repetitions of a lab in parallel processes.
+- `deviation`: combines repetitions and compares measured with simulated quantities.
+- `curve_overlays`: compares measured and simulated curves (profiles, discharge, trajectories).
+- `result_files`: writes CSV and JSON files, all of them or none.
+- `run_store`: runs many simulations and keeps each finished one in a folder.
+- `worker_processes`: pools of worker processes.
+- `twins/`: the simulated counterpart of an experiment, one file for each rig.
+- `report/`: the HTML page of a comparison.
+- `diagnose/`: names the effect that is missing in a model.
+- `reproduce/`: the tables of Hlosta et al. 2020 beside our results.
 """

@@ -1,3 +1,12 @@
+"""Compare a lab with its twins: measure every repetition, run the matching twins, write deviations and a report.
+
+::
+
+    lab.toml ── measure all repetitions ──┐
+        └────── run each rig's twin ──────┴── deviations ── observations.csv, deviations.csv/.json,
+                                                            report.html, provenance.json
+"""
+
 from __future__ import annotations
 
 import json
@@ -34,7 +43,7 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling
 
 
-UNFINISHED = "unfinished"  # the folder beside the results that keeps twins while they run
+UNFINISHED = "unfinished"  # folder in the output folder with checkpoints of running twins
 
 
 def compare(
@@ -52,16 +61,53 @@ def compare(
     stiffness_factor: float | None = None,
     rolling: Rolling | None = None,
 ) -> Comparison:
-    """Compare a lab with its twins and write everything into `out`.
+    """Compare a lab with its twins and write the results.
 
-    `only` names the experiments to take (all by default), `count` the particles of a pile's twin where lab.toml gives
-    none, `runs` how many times a twin of many particles is run, with seeds from `seed` upwards, `stiffness_factor` what
-    its moduli are multiplied by, `rolling` its rolling resistance.
-    `model` is a model.toml whose contacts and effects go before what lab.toml says.  A repetition that cannot be
-    measured is left out with a warning.  Raises `BadInput` when an experiment has none left, an option has no taker, or
-    `out` holds results of other experiments, `BadLabFile` when lab.toml is at fault, and then leaves the files of an
-    earlier run as they were.  Interrupted, it keeps the twins of many particles in ``out/unfinished``, from where the
-    next call goes on.
+    Parameters
+    ----------
+    lab_folder : Path
+        Folder with a lab.toml.
+    out : Path
+        Folder for observations.csv, deviations.csv, deviations.json, report.html, provenance.json and pictures.
+    progress : Progress
+        Called with step, number and count.
+    only : sequence of str, optional
+        Names of the experiments; all by default.
+    count : int, optional
+        Number of particles of twins of many particles where lab.toml states none.
+    seed : int
+        Seed of the first run of a twin.
+    runs : int
+        Number of runs of each twin of many particles, with seeds from `seed` upwards.
+    threads : int, optional
+        CPU threads of each simulation; all by default.
+    workers : int, optional
+        Number of measuring processes, one for each core by default.
+    model : Path, optional
+        A model.toml, whose contacts and effects take precedence over those of lab.toml.
+    stiffness_factor : float, optional
+        Factor on the moduli in twins of many particles.
+    rolling : Rolling, optional
+        Rolling resistance law of twins of many particles.
+
+    Returns
+    -------
+    Comparison
+        Outcomes of all experiments and the written files.
+
+    Raises
+    ------
+    BadInput
+        If no repetition of an experiment can be measured, an option applies to no experiment, or `out` holds results
+        of other experiments.
+    BadLabFile
+        If lab.toml is not valid.
+
+    Notes
+    -----
+    A repetition that cannot be measured is left out with a warning.  After an error the files of an earlier run are
+    unchanged.  An interrupted call keeps twins of many particles in ``out/unfinished``, and the next call continues
+    from there.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder)
@@ -108,19 +154,19 @@ def compare(
     for experiment in experiments:
         for kept in checkpoints(out / UNFINISHED, experiment):
             kept.unlink(missing_ok=True)
-    with suppress(OSError):  # it holds others' twins, or was never made
+    with suppress(OSError):  # it holds other twins, or does not exist
         (out / UNFINISHED).rmdir()
     return written
 
 
 @contextmanager
 def _kept_told(folder: Path, experiments: Sequence[Experiment]) -> Iterator[None]:
-    """Who interrupts between two twins learns that the first is kept; within one its run says so itself."""
+    """Add to a KeyboardInterrupt between two twins a note on what is kept; a running twin adds its own note."""
     try:
         yield
     except KeyboardInterrupt as stop:
         if not getattr(stop, "__notes__", None) and any(checkpoints(folder, one) for one in experiments):
-            stop.add_note(f"twins that have run are kept in {folder}; the same command goes on from there.")
+            stop.add_note(f"twins that have run are kept in {folder}; the same command continues from there.")
         raise
 
 
@@ -139,7 +185,7 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
 
 
 def provenance(comparison: Comparison) -> dict[str, Any]:
-    """Everything needed to tell, later, what these results were made from."""
+    """Content of provenance.json: versions, inputs with checksums, model, twins and cameras."""
     lab = comparison.lab
     media = [view for outcome in comparison.outcomes for views in outcome.experiment.repetitions for view in views]
     return {
@@ -195,7 +241,7 @@ def _chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
 
 
 def _under(lab: Lab, model: Model) -> Lab:
-    """The lab with the contacts that a model gives in place of its own, and the model's effects."""
+    """The lab with the contacts of a model, which take precedence over its own, and the effects of the model."""
     contacts = dict(lab.model.contacts)
     for names, known in model.contacts.items():
         contacts[names] = known.filled(contacts.get(names, KnownContact()))
@@ -203,21 +249,21 @@ def _under(lab: Lab, model: Model) -> Lab:
 
 
 def _stale(lab: Lab, experiments: Sequence[Experiment], out: Path) -> Iterator[str]:
-    """What `out` holds of experiments that lab.toml has no more.
+    """A remark if `out` holds results of experiments that lab.toml no longer contains.
 
-    Raises `BadInput` where it holds results of others, which would go from its tables without having been measured.
+    Raises `BadInput` if it holds results of other experiments, which would be lost.
     """
     try:
         before = json.loads((out / "deviations.json").read_text(encoding="utf-8"))
         source, names = Path(before["lab"]), [str(one["id"]) for one in before["experiments"]]
-    except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
+    except (OSError, ValueError, LookupError, TypeError):  # no such file, or of another kind
         return
     others = [name for name in names if name not in {one.id for one in experiments}]
     known = {one.id for one in lab.experiments}
     lost = others if source.resolve() != lab.path.resolve() else [name for name in others if name in known]
     if lost:
         raise BadInput(
-            f"{out}: holds results of {', '.join(lost)} ({source}), which would go from its tables; give --out another "
+            f"{out}: holds results of {', '.join(lost)} ({source}), which would be lost; give --out another "
             "folder, or delete this one."
         )
     if others:
@@ -225,9 +271,9 @@ def _stale(lab: Lab, experiments: Sequence[Experiment], out: Path) -> Iterator[s
 
 
 def _made_for_others(file: Path, model: Model, experiments: Sequence[Experiment]) -> Iterator[str]:
-    """Experiments in which nothing touches that the model has a contact of, so that its effects are another pair's."""
+    """A remark for each experiment without any contact of the model, whose effects were then found for other pairs."""
     theirs = ", ".join("-".join(names) for names in model.contacts)
-    acting = f"; its effects ({', '.join(model.effects)}) act in this twin all the same" if model.effects else ""
+    acting = f"; its effects ({', '.join(model.effects)}) still act in this twin" if model.effects else ""
     for experiment in experiments:
         if model.contacts and not any(pair(*names) in model.contacts for names in experiment.contacts):
             mine = ", ".join("-".join(names) for names in experiment.contacts)
@@ -243,14 +289,14 @@ def _need_takers(
     stiffness_factor: float | None,
     rolling: Rolling | None,
 ) -> None:
-    """Refuse an option that no twin would take."""
+    """Raise `BadInput` for an option that applies to no twin."""
     few = not any(entry_of(one).many_particles for one in experiments)
     idle = {
-        "--count: it is for piles and beds of which lab.toml does not say how many particles they have, and there is "
-        "none": count is not None and not any(entry_of(one).takes_count(one) for one in experiments),
-        "--runs: no experiment is of many particles": runs > 1 and few,
-        "--stiffness-factor: no experiment is of many particles": stiffness_factor is not None and few,
-        "--rolling-model: no experiment is of many particles": rolling is not None and few,
+        "--count: there is no experiment with many particles whose number lab.toml does not state": count is not None
+        and not any(entry_of(one).takes_count(one) for one in experiments),
+        "--runs: no experiment has many particles": runs > 1 and few,
+        "--stiffness-factor: no experiment has many particles": stiffness_factor is not None and few,
+        "--rolling-model: no experiment has many particles": rolling is not None and few,
     }
     for what, given in idle.items():
         if given:
@@ -258,7 +304,7 @@ def _need_takers(
 
 
 def _need_contacts(lab: Lab, experiment: Experiment) -> None:
-    """Refuse before any work when the twin lacks a parameter."""
+    """Raise `BadInput` before any work if the twin lacks a contact parameter."""
     for a, b in experiment.contacts:
         try:
             lab.model.contact(a, b, entry_of(experiment).needs)

@@ -1,11 +1,4 @@
-"""A lab compared with its twins: measure every repetition, run the matched twins, write deviations and a report.
-
-::
-
-    lab.toml ── measure all repetitions ──┐
-        └────── run each rig's twin ──────┴── deviations ── observations.csv, deviations.csv/.json,
-                                                            report.html, provenance.json
-"""
+"""The result of a comparison of a lab with its twins, and the warnings of each experiment."""
 
 from __future__ import annotations
 
@@ -39,16 +32,16 @@ if TYPE_CHECKING:
     pass
 
 
-OTHER_SPEED = 0.05  # relative, to which a plate's speed is usually set or read off
+OTHER_SPEED = 0.05  # relative accuracy with which the speed of a plate is usually set or read
 
-STRETCHES = 4  # of a plate's rise: with them its speed and how steady it is are known
+STRETCHES = 4  # parts of a plate's rise whose speeds are compared
 
-LEAST_IN_STRETCH = 5  # frames, for a slope that one of them does not make
+LEAST_IN_STRETCH = 5  # smallest number of frames in such a part, so that no single frame determines the slope
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One experiment: what its repetitions measured, what its twin gave, how far apart they are."""
+    """One experiment: its measurements, its twins and the deviations between them."""
 
     experiment: Experiment
     measurements: tuple[Measurement, ...]
@@ -56,7 +49,7 @@ class Outcome:
     twin: Twin
     deviations: tuple[Deviation, ...]
     more_runs: tuple[Twin, ...] = ()
-    """Twins of many particles from further seeds."""
+    """Further runs of a twin of many particles, with other seeds."""
     shapes: tuple[Overlay, ...] = ()
 
     @property
@@ -65,7 +58,7 @@ class Outcome:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All warnings of this experiment, each with the file it speaks of."""
+        """All warnings of this experiment, each with the name of its file."""
         return (
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
@@ -77,17 +70,17 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A whole lab beside its twins."""
+    """A whole lab compared with its twins."""
 
     lab: Lab
     outcomes: tuple[Outcome, ...]
     seed: int
     started: datetime
     seconds: dict[str, float] = field(default_factory=dict)
-    """[s], wall-clock time of each part of the run."""
+    """Wall-clock time [s] of each part of the run."""
     files: dict[str, Path] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
-    """What is to be said of the whole run."""
+    """Remarks on the whole run."""
 
     @property
     def deviations(self) -> tuple[Deviation, ...]:
@@ -131,7 +124,7 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
 
 
 def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
-    """Doubtful repetitions that are in no mean, for there are sound ones."""
+    """A warning for each doubtful repetition that is excluded from a mean, because there are sound ones."""
     seen = [(item.source.name, one) for item in measurements for one in over_views(item.quantities)]
     sound = {key for key, ones in group(one for _, one in seen).items() if not all(one.doubtful for one in ones)}
     lacking: dict[tuple[str, str], list[str]] = {}
@@ -139,13 +132,13 @@ def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
         if one.doubtful and key_of(one) in sound and one.quantity not in MOMENTS:
             lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
     for (source, reason), names in lacking.items():
-        yield f"{source} is doubtful and not in the mean of {', '.join(dict.fromkeys(names))}: {reason}"
+        yield f"{source} is doubtful and excluded from the mean of {', '.join(dict.fromkeys(names))}: {reason}"
 
 
 def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """Repetitions whose start is not the one that the lab file states: the wrong clip, scale, or a bounce not seen.
+    """A warning for each repetition whose measured start or tilt speed differs from that in the lab file.
 
-    And tilts at another speed.
+    Possible causes are a wrong clip, a wrong scale, or a missed first bounce.
     """
     if isinstance(experiment.rig, TiltSettings) and experiment.rig.speed is not None:
         yield from _against_speed(math.degrees(experiment.rig.speed), measurements)
@@ -157,34 +150,34 @@ def _against_stated(experiment: Experiment, measurements: Sequence[Measurement])
         if found is not None and abs(found.value - stated) > max(0.1 * stated, 3 * found.std_uncertainty):
             was, should = (reading(value, 0.0, found.unit) for value in (found.value, stated))
             yield (
-                f"{item.source.name}: measured a {found.quantity.replace('_', ' ')} of {was} where the lab file states "
-                f"{should}; an early part of the motion was missed, or clip, scale or setting are not those stated"
+                f"{item.source.name}: the measured {found.quantity.replace('_', ' ')} is {was}, but the lab file "
+                f"states {should}; either an early part of the motion was missed, or clip, scale or setting are wrong"
             )
 
 
 def _against_speed(stated: float, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """Films whose plate rises at a rate that is never near the one that the lab file states [deg/s]."""
+    """A warning for each film whose plate never rises at a rate near the stated one [deg/s]."""
     for item in measurements:
         rates = [rate for angle in item.series if angle.quantity == "plate_angle" for rate in _rising(angle)]
-        # a screw turned by hand changes its speed, and noise scatters what is seen of it: all parts must disagree
+        # the speed of a hand-turned screw varies and the measured rates are noisy: all parts must disagree
         if rates and not (1 - OTHER_SPEED) * min(rates) <= stated <= (1 + OTHER_SPEED) * max(rates):
             found = reading(statistics.fmean(rates), statistics.stdev(rates), "deg")
             yield (
-                f"{item.source.name}: the plate rises by {found} per second where the lab file states a speed of "
-                f"{stated:.3g} deg/s, at which the twin was run; correct the speed, or the camera's frame_rate, which "
-                "the measured one goes with"
+                f"{item.source.name}: the plate rises by {found} per second, but the lab file states a speed of "
+                f"{stated:.3g} deg/s, with which the twin was run; correct the speed, or the camera's frame_rate, to "
+                "which the measured speed is proportional"
             )
 
 
 def _rising(angle: Series) -> list[float]:
-    """[deg/s] in equal stretches of the time in which the plate rises steadily; empty where too little is seen."""
+    """Rates [deg/s] in equal parts of the time in which the plate rises; empty if there are too few frames."""
     known = np.isfinite(angle.value)
     time, turned = angle.time[known], angle.value[known]
     if angle.unit == "rad":
         turned = np.degrees(turned)
     if len(time) < STRETCHES * LEAST_IN_STRETCH:
         return []
-    # a plate that is filmed before it begins to turn, or after it has stopped, rises neither there nor near by
+    # leave out the time before the plate starts and after it stops, with a margin
     low, high = turned.min(), turned.max()
     under_way = np.flatnonzero((turned > low + 0.2 * (high - low)) & (turned < high - 0.1 * (high - low)))
     if len(under_way) < STRETCHES * LEAST_IN_STRETCH:
@@ -194,7 +187,7 @@ def _rising(angle: Series) -> list[float]:
 
 
 def _with_source(item: Measurement, warning: str) -> str:
-    """The warning with the file it speaks of; one about a view of several names that view already."""
+    """The warning with the name of its file, unless it already names one of several views."""
     views = {str(quantity.detail["view"]) for quantity in item.quantities if "view" in quantity.detail}
     if any(warning.startswith(f"{view}: ") for view in views):
         return warning

@@ -1,12 +1,12 @@
-"""Shapes laid over one another: profiles, discharge curves, trajectories, and how far measured and simulated lie apart.
+"""Overlays of measured and simulated curves (profiles, discharge, trajectories) and their distance.
 
 "It is always advisable to make an overall visual comparison of the slope shape between the calibration simulation and
-the experimental curves" (Hlosta et al. 2020, section 5).  A scalar may agree where the shapes do not: a round tip and a
-hollow flank give one angle.
+the experimental curves" (Hlosta et al. 2020, section 5).  A scalar may agree where the shapes do not: a pile with a
+round tip and one with a hollow flank can have the same angle.
 
-Every curve is brought to one common axis, repetitions (or views, or moments) are averaged on it, and the distance is
-the root mean square of the difference of the two means where both are known.  Beside it stands how far the single
-measured curves scatter about their own mean: a distance below that is no disagreement.
+All curves are interpolated to a common axis, and repetitions (or views, or times) are averaged on it.  The distance is
+the root mean square of the difference of the two means where both are known.  The scatter of the single measured curves
+about their mean is given beside it: a smaller distance is no disagreement.
 """
 
 from __future__ import annotations
@@ -33,8 +33,10 @@ from rigtwin.lab.rigs import (
 )
 
 GRID = 400  # points of the common axis
-STEADY = 0.5  # of a drum's film, from which on its surface counts as steady
-INSIDE = 0.95  # of a drum's or cylinder's radius; at the wall an outline ends with the side of the last bead
+STEADY = 0.5  # share of a drum's film after which its surface counts as steady
+INSIDE = (
+    0.95  # share of the radius of a drum or cylinder that is compared; at the wall an outline follows the last bead
+)
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Overlay:
-    """Measured and simulated curves of one thing, on common axes."""
+    """Measured and simulated curves of one quantity, on common axes."""
 
     what: str  # "profile", "discharge", "height of the bead" ...
     x_label: str
@@ -60,14 +62,14 @@ class Overlay:
 
     @property
     def span(self) -> tuple[float, float]:
-        """Where both sides are known."""
+        """The range of x in which both sides are known."""
         low = max(min(_known(curve)[0] for curve in side) for side in (self.measured, self.simulated))
         high = min(max(_known(curve)[1] for curve in side) for side in (self.measured, self.simulated))
         return low, high
 
     @property
     def meet(self) -> bool:
-        """Whether there is a stretch on which both sides are known."""
+        """Whether there is a range of x in which both sides are known."""
         low, high = self.span
         return high > low and math.isfinite(self.distance)
 
@@ -87,7 +89,7 @@ class Overlay:
 
     @property
     def offset(self) -> float:
-        """Mean of simulated minus measured mean [`unit`]: the part of the distance that is a shift."""
+        """Mean of simulated minus measured mean [`unit`]: the part of the distance due to a shift."""
         return float(np.mean(_finite(self.mean(self.simulated).y - self.mean(self.measured).y)))
 
     def scatter(self, curves: Sequence[Curve]) -> float | None:
@@ -116,7 +118,7 @@ class Overlay:
 def overlays(
     rig: RigSettings, bead_diameter: float, measured: Sequence[Measurement], twins: Sequence[Any]
 ) -> tuple[Overlay, ...]:
-    """The shapes of an experiment that both sides have; `twins` hold tracks, profiles and series as records."""
+    """The overlays of an experiment that have both sides; `bead_diameter` in [m], `twins` are the runs of the twin."""
     match rig:
         case DropSettings():
             found = _drop(measured, twins, bead_diameter)
@@ -206,12 +208,12 @@ def _drum(measured: Sequence[Measurement], twins: Sequence[Any], diameter: float
         x = np.linspace(-reach, reach, GRID)
         late = profiles[int(STEADY * len(profiles)) :]
         rows = np.array([_at(Curve(one.x, one.height), x) for one in late])
-        # where the bed's edge comes and goes, only what is seen in most moments
+        # at the edge of the bed, which moves, only positions that are seen at most times
         often = np.isfinite(rows).mean(axis=0) > 0.5
         mean = np.where(often, np.nanmean(np.where(often, rows, 0.0), axis=0), np.nan)
         known = np.isfinite(mean)
         falls = known.any() and np.polyfit(x[known], mean[known], 1)[0] < 0
-        # films turn either way; here the surface falls to the right
+        # the drum may turn either way: mirror the surface so that it falls to the right
         return Curve(x, mean if falls else mean[::-1])
 
     yield Overlay(
@@ -251,9 +253,9 @@ def _surface(
 
 
 def _since_contact(track: Track) -> Curve:
-    """Time [s] and height [mm] from the first contact, where lines through the frames on both sides of it meet.
+    """Time [s] and height [mm] from the first contact, the intersection of lines through the frames before and after.
 
-    The zeros of a record are its own: the plate, the contact, or whatever the tracking program chose.
+    The origin of a record is arbitrary (plate, contact, or a choice of the tracking program).
     """
     time, height = track.time, track.position[:, 1]
     span = float(np.ptp(height))
@@ -268,7 +270,7 @@ def _since_contact(track: Track) -> Curve:
 
 
 def _angles(tracks: Sequence[Track], length: float, diameter: float) -> list[Curve]:
-    """Per bead: time from the first collision [s] and angle [deg], from the horizontal way off the pivot."""
+    """For each bead: time from the first collision [s] and angle [deg], from the horizontal distance to the pivot."""
     from rigtwin.measure.geometry.circle import fit_circle
 
     first = tracks[0]
@@ -283,7 +285,7 @@ def _angles(tracks: Sequence[Track], length: float, diameter: float) -> list[Cur
 
 
 def _down_the_plate(angle: Series, track: Track) -> Curve:
-    """Angle of the plate [deg] and how far the body came down it [mm]."""
+    """Angle of the plate [deg] and displacement of the body down the plate [mm]."""
     known = np.isfinite(angle.value)
     turned = np.interp(track.time, angle.time[known], np.asarray(angle.value)[known])
     turned = np.radians(turned) if angle.unit == "deg" else turned
@@ -292,7 +294,7 @@ def _down_the_plate(angle: Series, track: Track) -> Curve:
 
 
 def _opening(item: Measurement) -> float:
-    """[s], as measured; else the record's first moment."""
+    """Opening time [s] as measured, else the first time of the record."""
     found = [one.value for one in item.quantities if one.quantity == "opening_time" and math.isfinite(one.value)]
     return found[0] if found else float(item.series[0].time[0])
 
@@ -302,7 +304,7 @@ def _centred(profile: Profile) -> Curve:
 
 
 def middle(profile: Profile) -> float:
-    """x [m] of the base's middle, or of what is seen."""
+    """x [m] of the middle of the base, or of the visible profile if the base is not known."""
     if profile.base is not None:
         return sum(profile.base) / 2
     seen = np.isfinite(profile.height) & (profile.height > 0)
@@ -322,7 +324,7 @@ def _known(curve: Curve) -> tuple[float, float]:
 
 
 def _at(curve: Curve, x: Array) -> Array:
-    """The curve at `x`; NaN outside it and in gaps wider than a fiftieth of it."""
+    """The curve interpolated at `x`; NaN outside it and in gaps wider than a fiftieth of its length."""
     known = np.isfinite(curve.y) & np.isfinite(curve.x)
     if known.sum() < 2:
         return np.full(len(x), np.nan)
@@ -339,6 +341,6 @@ def _finite(values: Array) -> Array:
 
 
 def _rms(values: Array) -> float:
-    """NaN where nothing is known."""
+    """Root mean square of the finite values; NaN if there are none."""
     known = _finite(values)
     return float(np.sqrt(np.mean(known**2))) if len(known) else math.nan

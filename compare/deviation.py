@@ -1,4 +1,4 @@
-"""Measured beside simulated: repetitions combined, differences with their uncertainty, a verdict in words.
+"""Compare measured with simulated quantities: combined repetitions, differences with uncertainty, verdict in words.
 
 Uncertainties follow the GUM (JCGM 100:2008): the mean of n repetitions has the scatter's standard error
 (type A, section 4.2), combined with the parts that all repetitions share, such as the scale (section 5.1.2).  A
@@ -16,11 +16,11 @@ from typing import Any
 
 from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
 
-# What tells a quantity from its siblings; other details (a frame number, a speed) describe and do not identify.
+# Details that distinguish quantities of the same name; other details (a frame number, a speed) only describe.
 IDENTITY = ("bounce", "collision", "body", "side")
 
-# Parts of a budget that differ from one repetition to the next and so average out.  Every other part is taken as
-# shared by all repetitions: a scale does not get better by being used ten times.
+# Parts of a budget that are independent between repetitions and average out.  All other parts are shared by all
+# repetitions: the error of a scale, for example, is the same in each.
 AVERAGES_OUT = frozenset(
     {
         "tracking",
@@ -34,7 +34,7 @@ AVERAGES_OUT = frozenset(
     }
 )
 
-# The results of the rigs, each with how many of its methods a reader is shown first.
+# The results of the rigs, each with the number of its methods that are shown first.
 RESULTS = {
     "restitution_wall": 2,
     "restitution_pair": 2,
@@ -49,14 +49,14 @@ RESULTS = {
 }
 MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "rebound_angle": 1}
 
-# When something happened in a film tells when the camera was started; the twin has none.
+# Times on the clock of the film; they depend on the start of the camera and have no counterpart in the twin.
 MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
-# Rigs whose simulated runs differ from seed to seed by what no single run tells, and what is repeated there.  A drum's
-# run scatters over time, and its uncertainty has that; few bodies give the same again.
+# Rigs whose simulated runs differ from seed to seed by an amount that one run cannot show, and the name of a run.  The
+# run of a drum scatters over time, which its uncertainty includes; rigs of few bodies repeat exactly.
 RUNS_DIFFER = {"pile": "heap", "packing": "bed", "hopper": "discharge"}
 
-# Percent: where two standard uncertainties of a deviation reach this, a twin that is half off would pass too.
+# [%]: if two standard uncertainties of a deviation exceed this, a twin that is wrong by half would agree, too.
 TELLS_NOTHING = 50.0
 
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
@@ -77,7 +77,7 @@ class Combined:
     """Named parts of `std_uncertainty`."""
     doubtful: str = ""
     left_out: int = 0
-    """Doubtful repetitions that are not in the mean, because sound ones were there."""
+    """Number of doubtful repetitions that are excluded from the mean, because there are sound ones."""
     freedom: float = math.inf
     """Effective degrees of freedom of `std_uncertainty` (GUM eq. G.2b)."""
 
@@ -107,9 +107,9 @@ class Deviation:
     percent_deviation_std: float | None
     z: float | None
     coverage_factor: float | None
-    """How many standard uncertainties of the difference span 95 %: 1.96, more where the repetitions are few.
+    """Standard uncertainties of the difference that span 95 %: 1.96, more with few repetitions.
 
-    Infinite where one repetition tells nothing of how much they differ.
+    Infinite with a single repetition, whose scatter is unknown.
     """
     verdict: str
     doubtful: str = ""
@@ -125,7 +125,11 @@ COLUMNS = tuple(column.name for column in fields(Deviation) if column.name != "b
 
 
 def key_of(quantity: Quantity) -> Key:
-    """What makes two quantities the same quantity of two repetitions."""
+    """Key under which quantities of several repetitions are the same quantity: name, method, unit and identity.
+
+    >>> key_of(Quantity("restitution_wall", 0.9, 0.01, "1", method="height", detail={"bounce": 1, "frame": 12}))
+    ('restitution_wall', 'height', '1', (('bounce', 1),))
+    """
     detail = quantity.detail
     # a bead has its name; the side it swings to depends on where the camera stood
     names = [name for name in IDENTITY if name in detail and not (name == "side" and "body" in detail)]
@@ -136,8 +140,32 @@ def key_of(quantity: Quantity) -> Key:
 def combine(repetitions: Sequence[Quantity]) -> Combined:
     """Mean of repetitions with its standard uncertainty.
 
-    The scatter counts with s / sqrt(n), never less than the repetitions' own random parts allow: two repetitions that
-    happen to agree do not make a perfect measurement.  Doubtful repetitions are left out where sound ones remain.
+    Parameters
+    ----------
+    repetitions : sequence of Quantity
+        At least one value of the same quantity, all in one unit.  Doubtful ones are left out if sound ones remain.
+
+    Returns
+    -------
+    Combined
+        Mean, standard uncertainty with its budget, and effective degrees of freedom.
+
+    Notes
+    -----
+    The variance of the mean is ``max(s, u)**2 / n + sum(c**2)`` with the sample standard deviation s of the n
+    repetitions, the root mean square u of their own random parts, and the shared parts c.  The own random parts are a
+    lower limit, because a few repetitions may agree by chance.
+
+    References
+    ----------
+    JCGM 100:2008 (GUM), sections 4.2 and 5.1.2, equation G.2b.
+
+    Examples
+    --------
+    >>> several = [Quantity("drop_height", value, 0.1, "mm", method="track") for value in (99.0, 100.0, 101.0)]
+    >>> mean = combine(several)
+    >>> mean.value, mean.std, mean.n
+    (100.0, 1.0, 3)
     """
     sound = [repetition for repetition in repetitions if not repetition.doubtful]
     used = sound or list(repetitions)
@@ -168,10 +196,18 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
 
 
 def over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
-    """One repetition's quantities, one each: several views of a heap are no repetitions of it.
+    """Combine the views of one repetition, because several views of a pile are not repetitions.
 
-    What the estimator combined over views (``view="all"``) stands for the single views; what it has not combined, such
-    as the left slopes, becomes their mean.
+    Parameters
+    ----------
+    quantities : sequence of Quantity
+        All quantities of one repetition.
+
+    Returns
+    -------
+    list of Quantity
+        One of each quantity.  A value that the estimator combined over views (``view="all"``) replaces the single
+        views; values that it did not combine, such as left slopes, are averaged.
     """
     views: dict[Key, list[Quantity]] = {}
     for one in quantities:
@@ -198,7 +234,7 @@ def _mean_view(views: Sequence[Quantity]) -> Quantity:
 
 
 def group(quantities: Iterable[Quantity]) -> dict[Key, list[Quantity]]:
-    """Quantities of all repetitions under their common key, in the order of first appearance; NaN values left out."""
+    """Quantities of all repetitions by their key, in the order of first appearance; values not finite are left out."""
     groups: dict[Key, list[Quantity]] = {}
     for quantity in quantities:
         if math.isfinite(quantity.value):
@@ -214,10 +250,35 @@ def deviations(
     *,
     set_from: dict[str, str] | None = None,
 ) -> tuple[Deviation, ...]:
-    """One row for each measured quantity, beside its twin where the twin gives it.
+    """Compare each measured quantity with that of the twin.
 
-    `set_from` names the quantities that were handed to the twin ("measured", "stated"): their agreement says nothing
-    about the model, and the row's note says so.
+    Parameters
+    ----------
+    experiment : str
+        Name of the experiment.
+    rig : str
+        Name of the rig.
+    measured : iterable of Quantity
+        Quantities of all repetitions.
+    simulated : iterable of Quantity
+        Quantities of all runs of the twin.
+    set_from : dict of str to str, optional
+        Quantities that are input of the twin, with their source ("measured" or "stated").  Their agreement does not
+        test the model, and the note of the row says so.
+
+    Returns
+    -------
+    tuple of Deviation
+        One row for each measured quantity, without simulated values where the twin has no counterpart.
+
+    Notes
+    -----
+    z is the difference over its standard uncertainty.  The two agree if abs(z) < 2; with few repetitions the coverage
+    factor of Student's t with the effective degrees of freedom applies.
+
+    References
+    ----------
+    JCGM 100:2008 (GUM), annex G.4.
     """
     twins = {key: combine(group_) for key, group_ in group(simulated).items()}
     rows = {key: combine(repetitions) for key, repetitions in group(measured).items() if key[0] not in MOMENTS}
@@ -233,9 +294,9 @@ def deviations(
 
 
 def _counterpart(key: Key, rows: Iterable[Key], twins: Iterable[Key]) -> Key | None:
-    """The key of the twin's quantity of the same method; where both sides know only one, that one, under any name.
+    """The key of the twin's quantity with the same method; if each side has one method only, that one.
 
-    What a film finds by the edge of a slide, a twin simply knows.
+    The methods may differ, because a twin knows some values directly that are estimated from a film.
     """
     if key in twins:
         return key
@@ -244,14 +305,22 @@ def _counterpart(key: Key, rows: Iterable[Key], twins: Iterable[Key]) -> Key | N
 
 
 def headlines(rows: Iterable[Deviation]) -> list[Deviation]:
-    """What a reader looks for first: each rig's result from the first bounce and over both sides."""
+    """The main results: those of each rig from the first bounce or collision and over both sides."""
     return _first_of(rows, RESULTS)
 
 
 def primary_first(rows: Sequence[Deviation]) -> tuple[list[Deviation], list[Deviation]]:
-    """The rows that tell an experiment at a glance, and the rest: later bounces, single sides, other methods.
+    """Split rows into the most important ones and the rest (later bounces, single sides, other methods).
 
-    An experiment that has none of the first kind keeps all its rows there.
+    Parameters
+    ----------
+    rows : sequence of Deviation
+        Rows of one or more experiments.
+
+    Returns
+    -------
+    primary, rest : list of Deviation
+        All rows of an experiment without important ones are in `primary`.
     """
     first = _first_of(rows, RESULTS | MORE_SHOWN)
     with_first = {row.experiment for row in first}
@@ -273,10 +342,36 @@ def _first_of(rows: Iterable[Deviation], methods: dict[str, int]) -> list[Deviat
 def percent_deviation(
     measured: float, measured_u: float, simulated: float, simulated_u: float
 ) -> tuple[float, float] | None:
-    """100 (simulated - measured) / measured and its standard uncertainty, both in percent.
+    """Percent deviation of a simulated from a measured value, with its standard uncertainty.
 
-    First-order propagation of independent uncertainties (GUM eq. 10).  None where the measured value is not told from
-    zero by its own uncertainty: a percentage of nothing is no number.
+    Parameters
+    ----------
+    measured, measured_u : float
+        Measured value and its standard uncertainty.
+    simulated, simulated_u : float
+        Simulated value and its standard uncertainty, in the same unit.
+
+    Returns
+    -------
+    tuple of float or None
+        Deviation and standard uncertainty [%]; None if the measured value is zero within its standard uncertainty.
+
+    Notes
+    -----
+    The deviation is ``100 * (simulated - measured) / measured``.  Independent uncertainties are propagated to first
+    order.
+
+    References
+    ----------
+    JCGM 100:2008 (GUM), equation 10.
+
+    Examples
+    --------
+    >>> deviation, u = percent_deviation(2.0, 0.02, 2.2, 0.0)
+    >>> round(deviation, 6), round(u, 6)
+    (10.0, 1.1)
+    >>> percent_deviation(0.1, 0.2, 1.0, 0.0) is None
+    True
     """
     if abs(measured) <= measured_u or measured == 0:
         return None
@@ -303,11 +398,11 @@ def _deviation(
         parts = ((one.std_uncertainty, one.freedom) for one in (measured, simulated))
         freedom = _freedom(parts, total)
         if _lone(rig, measured, simulated) and not set_from:
-            # a scatter of one repetition has no degree of freedom, so that no difference is too large to be chance
+            # the scatter of one repetition has no degrees of freedom, so any difference may be chance
             freedom = 0.0
-    doubts = [measured.doubtful] if measured.doubtful else []
+    reasons = [measured.doubtful] if measured.doubtful else []
     if simulated is not None and simulated.doubtful:
-        doubts.append(f"twin: {simulated.doubtful}")
+        reasons.append(f"twin: {simulated.doubtful}")
     return Deviation(
         experiment=experiment,
         rig=rig,
@@ -330,8 +425,8 @@ def _deviation(
         percent_deviation_std=None if percent is None else percent[1],
         z=z,
         coverage_factor=None if z is None else _coverage(freedom, 0.95),
-        verdict=_verdict(simulated, z, freedom, percent, doubtful=bool(doubts), given=bool(set_from)),
-        doubtful="; ".join(doubts),
+        verdict=_verdict(simulated, z, freedom, percent, doubtful=bool(reasons), given=bool(set_from)),
+        doubtful="; ".join(reasons),
         note=_note(rig, measured, simulated, set_from),
         budget=measured.budget,
     )
@@ -345,7 +440,7 @@ def _split(quantity: Quantity) -> tuple[float, dict[str, float]]:
         return 0.0, {"measurement": quantity.std_uncertainty}
     own = {name: part for name, part in quantity.budget.items() if name in AVERAGES_OUT}
     shared = {name: part for name, part in quantity.budget.items() if name not in AVERAGES_OUT}
-    # an estimator may widen its uncertainty beyond the listed parts where it doubts the result
+    # an estimator may widen its uncertainty beyond the listed parts if the result is doubtful
     beyond = quantity.std_uncertainty**2 - root_sum_of_squares(quantity.budget) ** 2
     if beyond > 1e-9 * quantity.std_uncertainty**2:
         shared["unexplained"] = math.sqrt(beyond)
@@ -403,7 +498,7 @@ def _verdict(
 
 
 def _lone(rig: str, measured: Combined, simulated: Combined) -> list[str]:
-    """The sides of which a single repetition is known where repetitions differ."""
+    """The sides with a single repetition, where repetitions differ."""
     single = {"measured": measured.n == 1, "simulated": simulated.n == 1 and rig in RUNS_DIFFER}
     return [side for side, alone in single.items() if alone]
 
@@ -412,7 +507,7 @@ def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: st
     notes = [] if simulated is not None else ["the twin gives no such number"]
     if simulated is not None and not set_from and (lone := _lone(rig, measured, simulated)):
         what = RUNS_DIFFER.get(rig, "repetition")
-        notes.append(f"one {what} {' and one '.join(lone)}: how much {what}s differ is not in the uncertainty")
+        notes.append(f"one {what} {' and one '.join(lone)}: the scatter of {what}s is not in the uncertainty")
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:

@@ -1,4 +1,4 @@
-"""Measure the repetitions of a lab's experiments, several at a time in processes of their own."""
+"""Measure the repetitions of the experiments of a lab in parallel processes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rigtwin.lab.quantity import Measurement
 
 @dataclass(frozen=True)
 class Failure:
-    """A repetition that could not be measured, and why in one sentence."""
+    """A repetition that could not be measured, with the reason in one sentence."""
 
     source: Path
     message: str
@@ -29,14 +29,14 @@ class Failure:
 
 @dataclass(frozen=True)
 class Measured:
-    """What the repetitions of one experiment gave."""
+    """Results of the repetitions of one experiment."""
 
     measurements: tuple[Measurement, ...]
     failures: tuple[Failure, ...]
 
 
 def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:
-    """One repetition from its media, or from a record already tracked (CSV); pictures go into `out`."""
+    """Measure one repetition from its media, or from a tracked record (CSV); pictures are written into `out`."""
     try:
         return _measure(experiment, views, out)
     except RigtwinError as error:
@@ -45,7 +45,7 @@ def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path 
 
 @contextmanager
 def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None = None) -> Iterator[Pending]:
-    """Start measuring all repetitions; the block may do other work before it asks for `Pending.results`."""
+    """Start measuring all repetitions; the block may do other work before it calls `Pending.results`."""
     jobs = [
         (experiment, views, folder)
         for experiment, place in zip(experiments, folders(experiments), strict=True)
@@ -53,7 +53,7 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
     ]
     with spawned(len(jobs), workers) as pool:
         with interrupts_held():
-            # a heap's views are one long job: the others then fill up beside it
+            # the views of a pile are one long job: start it first, so that the others run beside it
             longest_first = sorted(range(len(jobs)), key=lambda k: -len(jobs[k][1]))
             started = {k: pool.submit(measure_repetition, *jobs[k]) for k in longest_first}
         yield Pending([(jobs[k][0].id, started[k]) for k in range(len(jobs))])
@@ -66,7 +66,7 @@ class Pending:
     jobs: list[tuple[str, Future[Measurement | Failure]]]
 
     def results(self, progress: Progress = silent) -> Mapping[str, Measured]:
-        """Wait for all; by experiment, repetitions in the order of the lab file."""
+        """Wait for all measurements; by experiment, with the repetitions in the order of the lab file."""
         found: dict[str, list[Measurement | Failure]] = {}
         for done, (name, job) in enumerate(self.jobs):
             progress("measuring repetitions", done, len(self.jobs))
@@ -82,9 +82,9 @@ class Pending:
 
 
 def folders(experiments: Sequence[Experiment]) -> list[str]:
-    """A folder name for each experiment: its id, where the id can be one.
+    """A folder name for each experiment: its id with special characters replaced.
 
-    Ids that come out the same are told apart by a number.
+    Equal names are distinguished by a number.
     """
     names: list[str] = []
     for experiment in experiments:

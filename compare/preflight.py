@@ -1,4 +1,4 @@
-"""What of a lab cannot work is said before anything is measured, simulated or written."""
+"""Find impossible settings of a lab before anything is measured, simulated or written."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, fault
 
 OPTION = re.compile(r"--(region|known-length|start|end|frame-rate)\b")
-"""What `measure` calls a key of ``[experiments.camera]``."""
+"""Options of `measure` in its messages; a lab file has them as keys of ``[experiments.camera]``."""
 
 
 def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> None:
-    """Refuse an experiment of which no repetition fits its camera, or whose twin cannot be run.
+    """Check that a repetition of the experiment fits its camera settings and that its twin can be run.
 
-    Raises `BadLabFile`.
+    Raises `BadLabFile`, or `BadInput` for a `count` that the twin cannot have.
     """
     rate = _need_view(lab, experiment)
     try:
@@ -32,10 +32,10 @@ def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> Non
 
 
 def _need_view(lab: Lab, experiment: Experiment) -> float | None:
-    """Hold what the camera is said to show against the media; [1/s] the rate at which they are filmed, where known.
+    """Check the camera settings against the media; returns the frame rate [1/s] if it is known.
 
-    As when measuring, one repetition that fits is enough.  Nothing is opened where nothing hangs on it: a film must be
-    read through for its time stamps.
+    As in measuring, one repetition that fits is enough.  Media are opened only if needed, because a film must be read
+    to its end for its timestamps.
     """
     camera = experiment.camera
     stated = any((camera.region, camera.start, camera.end, camera.known_length))
@@ -53,20 +53,20 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     if option is None:
         raise fault(lab, experiment, ("repetitions",), str(first)) from None
     name = option[1].replace("-", "_")
-    if name == "start" and camera.start is None:  # both are named where a window is too short
+    if name == "start" and camera.start is None:  # the message names both if the interval is too short
         name = "end"
     said = OPTION.sub(lambda found: found[1].replace("-", "_"), str(first))
     raise fault(lab, experiment, ("camera", name), said) from None
 
 
 def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
-    """Open the media of a repetition with its camera; its frame rate [1/s] where it is a film."""
+    """Open the media of a repetition with its camera settings; returns the frame rate [1/s] of a film."""
     from rigtwin.measure.media.photo import read_photo
     from rigtwin.measure.media.video import open_video
 
     camera, rate = experiment.camera, experiment.camera.frame_rate
     for view in views:
-        if view.suffix.lower() == ".csv":  # a record already tracked has no picture
+        if view.suffix.lower() == ".csv":  # a tracked record has no pictures
             continue
         if entry_of(experiment).is_photo(view):
             read_photo(view, camera)

@@ -1,4 +1,4 @@
-"""The files that a comparison leaves behind: all written beside the old ones first, then all renamed."""
+"""Write result files: all are written under temporary names first, then renamed."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ LIBRARIES = (
 
 
 def write_together(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
-    """Write text files so that a failure midway leaves every old file as it was."""
+    """Write text files by name into `folder`; a failure while writing leaves all old files unchanged."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in contents:
-        if (folder / name).is_dir():  # would be found out only halfway through the renaming
+        if (folder / name).is_dir():  # otherwise this would fail only halfway through the renaming
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
     partials = {name: folder / f"{name}.{os.getpid()}.part" for name in contents}
     try:
@@ -49,7 +49,7 @@ def write_together(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]
 
 
 def observation(experiment: str, rig: str, origin: str, repetition: str, quantity: Quantity) -> dict[str, Any]:
-    """A row of ``observations.csv``: one quantity of one repetition; `origin` is measured or simulated."""
+    """A row of ``observations.csv``: one quantity of one repetition; `origin` is "measured" or "simulated"."""
     return {
         "experiment": experiment,
         "rig": rig,
@@ -66,7 +66,7 @@ def observation(experiment: str, rig: str, origin: str, repetition: str, quantit
 
 
 def deviations_csv(rows: Iterable[Deviation]) -> str:
-    """``deviations.csv``; an empty cell is "does not apply" or "cannot be told"."""
+    """The text of ``deviations.csv``; an empty cell means "does not apply" or "unknown"."""
     return table([row.row() for row in rows], COLUMNS)
 
 
@@ -80,12 +80,12 @@ def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
 
 
 def document(content: object) -> str:
-    """Anything made of dataclass-free Python and NumPy values as strict JSON text."""
+    """Python and NumPy values (no dataclasses) as strict JSON text."""
     return json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:
-    """Only what JSON knows: paths become text, NumPy scalars numbers, NaN and infinity null."""
+    """The value with JSON types only: paths become text, NumPy scalars numbers, NaN and infinity null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set)):
@@ -100,7 +100,7 @@ def plain(value: Any) -> Any:
 
 
 def surroundings() -> dict[str, Any]:
-    """What the run was made with: versions, machine, command line."""
+    """Versions, machine and command line of the run."""
     versions = {"rigtwin": __version__, "python": platform.python_version()}
     for library in LIBRARIES:
         try:

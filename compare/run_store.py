@@ -1,8 +1,8 @@
-"""Many runs and a folder that keeps what they gave: a queue over all cores that can be interrupted and taken up again.
+"""Run many simulations on all cores and keep each result in a folder, so that an interrupted call can continue.
 
-Every finished run is kept at once, under a name that holds a digest of its settings: asked for again with the same
-settings it is read, not run; with other settings it is another run.  What the settings only name, as a particle, is
-kept inside the file: where it is another by now, the kept run is not the one asked for, and that is run.
+Each finished run is written at once, to a file whose name contains a digest of its settings.  A run with the same
+settings is read instead of run again.  The data behind names in the settings (a particle, for example) are stored in
+the file, too: if they have changed, the run is repeated.
 """
 
 from __future__ import annotations
@@ -29,31 +29,31 @@ from rigtwin.lab.progress import Progress, silent
 
 @dataclass(frozen=True)
 class Run:
-    """One run: a function and what it is told."""
+    """One run: a function and its settings."""
 
-    name: str  # of the run among its like, fit for a file name
+    name: str  # unique among the runs of a call, valid in a file name
     function: str  # "module:function"; takes the settings as keywords, returns plain numbers and texts
     settings: Mapping[str, Any]  # plain numbers and texts
-    cost: float = 1.0  # [s] that it takes, about; dear ones start first
-    inputs: Mapping[str, Any] = field(default_factory=dict)  # what the settings stand for: plain numbers and texts
+    cost: float = 1.0  # [s], estimated run time; the longest runs start first
+    inputs: Mapping[str, Any] = field(default_factory=dict)  # data behind the names in the settings: numbers and texts
 
     @property
     def file_name(self) -> str:
-        """Where its result is kept."""
+        """Name of the file that keeps its result, with a digest of version, function and settings."""
         what = json.dumps([__version__, self.function, self.settings], sort_keys=True)
         return f"{self.name}-{hashlib.sha256(what.encode()).hexdigest()[:10]}.json"
 
 
 @dataclass(frozen=True)
 class Done:
-    """Results of the runs by name, and why others have none."""
+    """Results of the runs by name, and the reasons why others have none."""
 
     results: Mapping[str, dict[str, Any]]
     failures: Mapping[str, str]
     faults: Mapping[str, str] = field(default_factory=dict)
-    """Tracebacks of those failures that rigtwin did not foresee."""
+    """Tracebacks of failures by unexpected exceptions."""
     out_of_memory: tuple[str, ...] = ()
-    """Those failures for which the machine is too small."""
+    """Names of the runs that did not fit into memory."""
 
 
 def run_all(
@@ -64,10 +64,34 @@ def run_all(
     only_kept: bool = False,
     progress: Progress = silent,
 ) -> Done:
-    """Run what `folder` does not hold yet, one process per core, and return everything.
+    """Run what the folder does not contain yet, in parallel processes, and return all results.
 
-    A run that fails is listed with its sentence (`RigtwinError`), or as a fault of rigtwin (any other exception), and
-    tried again the next time.  With `only_kept` nothing is run.
+    Parameters
+    ----------
+    runs : sequence of Run
+        Runs with unique names.
+    folder : Path
+        Folder of the kept results; created if it does not exist.
+    workers : int, optional
+        Number of processes, one for each core by default.
+    only_kept : bool
+        Read kept results only, run nothing.
+    progress : Progress
+        Called with step, finished cost [s] and total cost [s].
+
+    Returns
+    -------
+    Done
+        Results and failures by name.  A failed run is tried again in the next call.
+
+    Raises
+    ------
+    RigtwinError
+        If a worker process ends unexpectedly.
+
+    Notes
+    -----
+    A run that raises a `RigtwinError` is listed with its message, any other exception as a fault of rigtwin.
     """
     if not only_kept:
         folder.mkdir(parents=True, exist_ok=True)
@@ -79,7 +103,7 @@ def run_all(
     whole, still = sum(run.cost for run in runs), sum(run.cost for run in missing)
     progress("running", whole - still, whole)
     if missing and not only_kept:
-        with _kept_told(runs, kept, folder), spawned(len(missing), workers) as pool:
+        with _kept_note(runs, kept, folder), spawned(len(missing), workers) as pool:
             with interrupts_held():
                 pending = {pool.submit(_perform, run.function, dict(run.settings)): run for run in missing}
             for job in as_completed(pending):
@@ -88,12 +112,12 @@ def run_all(
                     found = job.result()
                 except RigtwinError as error:
                     failures[run.name] = str(error)
-                except BrokenProcessPool:  # no other run can go on either
+                except BrokenProcessPool:  # the other runs cannot continue either
                     raise
                 except MemoryError:
                     failures[run.name] = "does not fit into memory; close other programs or give fewer --workers."
                     out_of_memory.append(run.name)
-                except Exception as error:  # whatever it is, the other runs are not to blame
+                except Exception as error:  # a fault in one run must not stop the others
                     failures[run.name] = f"a fault of rigtwin itself ({_in_short(error)})"
                     faults[run.name] = "".join(traceback.format_exception(error))
                 else:
@@ -112,12 +136,12 @@ def run_all(
 
 
 @contextmanager
-def _kept_told(runs: Sized, kept: Sized, folder: Path) -> Iterator[None]:
-    """Who interrupts learns what is kept."""
+def _kept_note(runs: Sized, kept: Sized, folder: Path) -> Iterator[None]:
+    """Add to a KeyboardInterrupt a note on what is kept."""
     try:
         yield
     except KeyboardInterrupt as stop:
-        stop.add_note(f"{len(kept)} of {len(runs)} runs are kept in {folder}; called again, the others are run.")
+        stop.add_note(f"{len(kept)} of {len(runs)} runs are kept in {folder}; the same command runs the others.")
         raise
 
 
@@ -132,12 +156,12 @@ def _perform(function: str, settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def fits(record: Mapping[str, Any], run: Run) -> bool:
-    """Whether a kept run was made of the inputs that it would have now; one that does not tell them was."""
+    """Whether a kept run has the same inputs as the run would have now; true if the file does not state them."""
     return not record.get("inputs") or not run.inputs or _alike(record["inputs"], result_files.plain(run.inputs))
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """The same but for rounding, which differs from machine to machine."""
+    """Equal up to rounding, which differs between machines."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(_alike(value, other[name]) for name, value in one.items())
     if isinstance(one, list) and isinstance(other, list):
@@ -152,5 +176,5 @@ def _read(path: Path, run: Run) -> dict[str, Any] | None:
         record = json.loads(path.read_text(encoding="utf-8"))
         found = record["result"] if fits(record, run) else None
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        return None  # not there, or cut short by a crash: run again
-    return found if isinstance(found, dict) and found else None  # every run gives something
+        return None  # missing or damaged: run again
+    return found if isinstance(found, dict) and found else None  # a valid result is never empty

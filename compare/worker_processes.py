@@ -1,4 +1,4 @@
-"""Several processes at work: spawned, never forked, for a simulation may already run in this one."""
+"""Pools of worker processes, spawned and not forked, because a simulation may already run in this process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
     """A pool of at most `workers` processes (one per core by default) for `jobs` jobs.
 
-    Whatever ends the block early, Ctrl-C among it, ends the processes too.  Submit inside `interrupts_held`.
+    An exception in the block, including Ctrl-C, ends the processes too.  Submit jobs inside `interrupts_held`.
     """
     workers = max(1, min(workers or os.cpu_count() or 1, jobs))
     others = set(multiprocessing.active_children())
@@ -29,11 +29,11 @@ def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecut
         yield pool
     except BrokenProcessPool:
         raise RigtwinError(
-            "a process ended before its time, most likely for want of memory; "
-            "close other programs and run again, or ask for less at once."
+            "a worker process ended unexpectedly, most likely because memory ran out; "
+            "close other programs and run again, or use fewer --workers."
         ) from None
     except BaseException:
-        # nobody will read what is still being worked on: do not let the person wait for it
+        # the results of running jobs are lost, so do not wait for them
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()
         raise
@@ -43,9 +43,9 @@ def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecut
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Processes started inside begin with Ctrl-C held back, until they are ready to die of it without a traceback.
+    """Start processes with Ctrl-C blocked, until they can end on it without a traceback.
 
-    They do linear algebra in one thread, as the pool already uses every core.
+    They use one thread for linear algebra, as the pool already uses every core.
     """
     with _one_thread_each():
         if not hasattr(signal, "pthread_sigmask"):  # Windows
@@ -60,7 +60,7 @@ def interrupts_held() -> Iterator[None]:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """What a process is born with; NumPy's linear algebra reads it once, at its import."""
+    """Set the thread counts in the environment of new processes, which BLAS libraries read once at import."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update({name: value or "1" for name, value in before.items()})
     try:
@@ -72,7 +72,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _start_worker() -> None:
-    """Ctrl-C ends a worker at once and without words: the main process does the talking, and they end with it."""
+    """Let Ctrl-C end a worker silently, as the main process reports it, and end the worker with the main process."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
@@ -83,7 +83,7 @@ def _start_worker() -> None:
 
 
 def _end_with_parent() -> None:
-    """A process that is killed cannot end its workers: they would compute for hours what nobody keeps."""
+    """End this worker when the main process ends, because a killed main process cannot end its workers."""
     if parent := multiprocessing.parent_process():
         parent.join()
         os._exit(1)

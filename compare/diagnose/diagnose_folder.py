@@ -1,4 +1,4 @@
-"""From a folder to the files of a diagnosis: diagnosis.json, model.toml and the page."""
+"""Diagnose the lab in a folder and write diagnosis.json, diagnosis.html and model.toml."""
 
 from __future__ import annotations
 
@@ -20,15 +20,38 @@ from rigtwin.sim.effects import own_effect
 from rigtwin.sim.effects.nameless_terms import PREFIX, form
 
 ASSUMED = {"density_kg_m3": 1000.0, "youngs_modulus_Pa": 1e9, "poissons_ratio": 0.3}
-"""What a material is taken to have where the lab states nothing."""
+"""Material properties assumed where the lab states none; each assumption is a remark in model.toml."""
 
 
 def diagnose_folder(
     folder: Path, out: Path, *, own: Sequence[Path] = (), only: Sequence[str] = (), progress: Progress = silent
 ) -> tuple[Diagnosis, dict[str, Path]]:
-    """Diagnose the lab in `folder` and write what was found into `out`.  Returns the diagnosis and the files.
+    """Diagnose the lab in a folder and write the result.
 
-    A folder with a lab.json is taken as it is; of a lab.toml the experiments named in `only`, or all of them.
+    Parameters
+    ----------
+    folder : Path
+        Folder with a lab.json or a lab.toml, or the path of a lab.toml.  A lab.json in the folder takes precedence.
+    out : Path
+        Folder for diagnosis.json, diagnosis.html and model.toml.
+    own : sequence of Path
+        Files with effects of the user, tried beside those of the library.
+    only : sequence of str
+        Experiments of a lab.toml to diagnose; empty for all.  Not allowed with a lab.json.
+    progress : Progress
+        Called with step, number and count.
+
+    Returns
+    -------
+    diagnosis : Diagnosis
+        Verdict, effects, gap and next experiment.
+    files : dict of str to Path
+        Written files by name.
+
+    Raises
+    ------
+    BadInput
+        If the lab cannot be read or fitted, or `only` is given with a lab.json.
     """
     effects = [own_effect(path) for path in own]
     notebook = folder.suffix == ".toml" or ((folder / "lab.toml").is_file() and not (folder / "lab.json").is_file())
@@ -47,7 +70,7 @@ def diagnose_folder(
 
 
 def model_of(diagnosis: Diagnosis) -> Model:
-    """The lab's beads with the fitted contacts, and the effects that were named."""
+    """The model of the lab: its materials and beads, the fitted contacts and the named effects."""
     lab = diagnosis.lab
     materials: dict[str, Material] = {}
     particles: dict[str, Particle] = {}
@@ -72,12 +95,12 @@ def _known(about: Mapping[str, object], key: str, default: float) -> float:
 
 
 def _assumed(lab: TrackedLab) -> list[str]:
-    """What the model has that the lab does not state, by bead and wall."""
+    """One sentence for each property that the model assumes because the lab does not state it."""
     walls = lab.stated.get("walls") or {}
     stated = {condition.bead.name: condition.bead.about for condition in lab.conditions}
     stated |= {condition.wall: walls[condition.wall] for condition in lab.conditions if condition.wall in walls}
     return [
-        f"assumed, for the lab does not state it of {name}: {key} = {default:g}"
+        f"assumed, because the lab does not state it for {name}: {key} = {default:g}"
         for name, about in stated.items()
         for key, default in ASSUMED.items()
         if key not in about and not (key == "density_kg_m3" and ("mass_g" in about or "mass_kg" in about))
@@ -95,7 +118,7 @@ def _contacts(diagnosis: Diagnosis) -> dict[Pair, KnownContact]:
     for condition in diagnosis.lab.conditions:
         bead, other = condition.bead.name, condition.wall or condition.bead.name
         fits = {name: float(known[key]) for name in PARAMETERS if (key := f"{name}.{bead}-{other}") in known}
-        if "restitution" in fits:  # a fit may leave by its noise what a contact can have
+        if "restitution" in fits:  # noise can move a fitted value out of the valid range
             fits["restitution"] = min(max(fits["restitution"], 0.01), 1.0)
         if fits:
             found[pair(bead, other)] = KnownContact(**fits)
@@ -117,7 +140,7 @@ def _named(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
 
 
 def _not_carried(diagnosis: Diagnosis) -> dict[str, str]:
-    """The formulas that no twin carries yet, and why: a model.toml with them could not be read."""
+    """Formulas that the simulation does not support yet, with the reason; model.toml omits them to stay readable."""
     reasons = {}
     for term in diagnosis.chosen.terms if diagnosis.chosen else ():
         if term.name.startswith(PREFIX):

@@ -1,4 +1,4 @@
-"""The diagnosis of a lab: locate, name, add, show, and what to do next.
+"""The diagnosis of one lab: locate the disagreement, name the effect, add it, measure the gap, propose an experiment.
 
 ::
 
@@ -40,17 +40,17 @@ from rigtwin.sim.effects import Effect, library
 from rigtwin.sim.effects.effect import WIDENING
 from rigtwin.sim.effects.nameless_terms import nameless
 
-MOST_RIVALS = 3  # of a set, that the next experiment is computed for
-SURE = 1e-4  # of the residual statistic, below which something is left over
-CERTAIN = 1e-8  # ... below which it is sure that something disagrees, whatever it is
-CLEARLY = 1.5  # times the noise floor: a gap of which a share can be told
-STATED = math.sqrt(ALARM)  # stated uncertainties that a calibration quantity must be off by, to be named
-LEFT = 0.9  # share of the excess gap that a name must close where something is left over
+MOST_RIVALS = 3  # largest number of rival sets for which the next experiment is computed
+SURE = 1e-4  # p-value of the residual statistic below which a disagreement remains
+CERTAIN = 1e-8  # p-value below which data and model disagree even if no effect describes how
+CLEARLY = 1.5  # gap in noise floors above which the closed share is meaningful
+STATED = math.sqrt(ALARM)  # stated standard uncertainties by which a calibration quantity must be off to be named
+LEFT = 0.9  # share of the excess gap that an effect must close to be named while a disagreement remains
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the diagnosis of one lab says."""
+    """Result of the diagnosis of one lab."""
 
     lab: TrackedLab
     verdict: str
@@ -62,11 +62,11 @@ class Diagnosis:
     form: str = ""
     next_experiment: str = ""
     designs: tuple[Design, ...] = ()
-    """Settings that would tell the rivals apart, the most telling first."""
+    """Settings that would separate the rivals, largest separation first."""
     stability: Stability | None = None
-    """How often the name would have come out of other repetitions."""
+    """How often other draws of the repetitions give the same name."""
     beside: tuple[Beside, ...] = ()
-    """The runner-up and a placebo, fitted in the winner's place."""
+    """The runner-up and a placebo effect, fitted instead of the winner."""
     left_out: tuple[str, ...] = ()
     """Rows, repetitions and keys that were not used, each with the reason."""
     seconds: float = 0.0  # [s], CPU
@@ -132,14 +132,36 @@ def diagnose(
     progress: Progress = silent,
     listed: Sequence[Effect] | None = None,
 ) -> Diagnosis:
-    """Diagnose one lab with the library, or the `listed` effects of it, and the user's own effects."""
+    """Diagnose one lab.
+
+    Parameters
+    ----------
+    lab : TrackedLab
+        Tracks with the stated setup and uncertainties.
+    own : sequence of Effect
+        Effects of the user, tried beside the listed ones.
+    progress : Progress
+        Called with step, number and count.
+    listed : sequence of Effect, optional
+        Effects to try; the whole library by default.
+
+    Returns
+    -------
+    Diagnosis
+        The verdict is "none", "named", "indistinguishable", "unlisted" or "undecided".
+
+    Raises
+    ------
+    BadInput
+        If the tracks contradict the stated setup, there are too few repetitions, or the model cannot be fitted.
+    """
     begun = time.process_time()
     if lab.rig in BULK:
         return Diagnosis(
             lab,
             "undecided",
-            f"a {lab.rig} needs many full simulations to be judged; its profiles and counts alone cannot tell "
-            "rolling resistance, static friction and cohesion apart, so nothing is named",
+            f"a {lab.rig} needs many full simulations; its profiles and counts alone cannot separate "
+            "rolling resistance, static friction and cohesion, so no effect is named",
             next_experiment="the same material on a drop, a pendulum and an incline, which measure one parameter each",
         )
     check_axes(lab)
@@ -153,26 +175,26 @@ def diagnose(
         progress("baseline", 0, 1)
         base = fit(bench, rounds=12)
         if not math.isfinite(base.deviance):
-            raise ArithmeticError("the misfit of the baseline is no number")
+            raise ArithmeticError("the misfit of the baseline is not finite")
         naming = name_effects(bench, candidates, base, progress)
         naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
         verdict, sizes = _judge(bench, lab, naming, progress), None
         if verdict.verdict == "unlisted":
             verdict, sizes = _with_formula(verdict, progress)
-        told = _shown(bench, lab, verdict, sizes)
-    except (np.linalg.LinAlgError, ArithmeticError) as error:  # any other ValueError is a fault of ours
+        result = _shown(bench, lab, verdict, sizes)
+    except (np.linalg.LinAlgError, ArithmeticError) as error:  # any other ValueError is a programming error
         raise BadInput(
             f"{lab.folder}: the model of a {lab.rig} cannot be fitted to these tracks ({error}); check that time_s is "
             "in seconds, x_m and y_m in metres, and the lab's sizes, masses and settings, and leave out repetitions "
-            "in which hardly anything moves.  Where all is right, RIGTWIN_DEBUG=1 shows where it failed."
+            "in which hardly anything moves.  If all of these are right, RIGTWIN_DEBUG=1 shows where it failed."
         ) from error
-    broken = [f"{title}: not tried, for its equations have no solution for these tracks" for title in naming.broken]
-    told = replace(told, left_out=(*lab.overlooked, *lab.assumed(candidates), *left_out, *broken))
-    return replace(told, next_experiment=_next(told), seconds=time.process_time() - begun)
+    broken = [f"{title}: not tried, its equations have no solution for these tracks" for title in naming.broken]
+    result = replace(result, left_out=(*lab.overlooked, *lab.assumed(candidates), *left_out, *broken))
+    return replace(result, next_experiment=_next(result), seconds=time.process_time() - begun)
 
 
 def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | None) -> Diagnosis:
-    """The verdict with the gap before and after, how stable the name is, what stands beside it and what would split."""
+    """The verdict with gap, stability, next experiments, runner-up and placebo."""
     assert verdict.naming is not None
     chosen = verdict.chosen
     sizes = sizes or gap(bench, lab, verdict.naming.base, chosen.fitted if chosen else None)
@@ -186,7 +208,7 @@ def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | No
 
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:
-    """Whether an effect acts in the lab's rig; a pendulum that strikes a wall has the losses of a drop."""
+    """Whether an effect acts in the lab's rig; a pendulum that hits a wall has the impact losses of a drop."""
     if effect.name == LEVER and not one_material_of_many_sizes(lab):
         return False
     strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
@@ -207,35 +229,35 @@ def bench_of(lab: TrackedLab) -> Regioned:
 
 
 def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress) -> Diagnosis:
-    """Verdict from what was tried; nameless terms are asked whether the listed ones suffice."""
+    """Verdict from the fitted candidates; nameless terms test whether the listed effects suffice."""
     best, location = naming.best, naming.location
     plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
     loud = _remains(bench, location, naming.base) or max((one.score for one in naming.tried), default=0.0) > FORM
     if best is None and not loud:
-        return replace(plain, reason="the data lie inside noise, scatter and stated calibration")
+        return replace(plain, reason="the data agree with the model within noise, scatter and stated calibration")
     asked = best is None or _more_to_say(bench, best)
     forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if asked else []
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
         if alone is not None and alone.gain > FORM and not alone.reason:
-            why = "no listed effect explains it with plausible coefficients"
+            why = "no listed effect explains the disagreement with plausible coefficients"
             return replace(plain, verdict="unlisted", reason=why)
         if location.p < CERTAIN:
             return replace(
                 plain, verdict="unlisted", reason="data and twin disagree, and no listed effect describes how"
             )
-        why = "something disagrees, but no listed effect and no simple formula describes it"
+        why = "data and twin disagree, but no listed effect and no simple formula describes how"
         return replace(plain, verdict="undecided", reason=why + _by_chance(bench))
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
         best, naming = _from_there(bench, naming, best, alone)
         plain = replace(plain, naming=naming)
     left = _remains(bench, naming.after, best.fitted)
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM and len(alone.terms) <= len(best.terms):
-        why = f"a formula that is not listed does better than {names(best.terms)}"
+        why = f"a formula that is not a listed effect fits better than {names(best.terms)}"
         return replace(plain, verdict="unlisted", reason=why)
     share = _closed(naming, noise_floor(bench, best.fitted))
     if left and share is not None and share < LEFT:
-        why = f"{names(best.terms)} would close {100 * share:.0f} % of the gap and leave a disagreement"
+        why = f"{names(best.terms)} would close only {100 * share:.0f} % of the gap and leave a disagreement"
         verdict = "unlisted" if naming.after.p < SURE else "undecided"
         return replace(plain, verdict=verdict, reason=why + _by_chance(bench))
     if naming.alike:
@@ -244,23 +266,23 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
             plain,
             verdict="indistinguishable",
             chosen=best,
-            reason=f"{names(best.terms)} explains the data, and equally well: {others}{_by_chance(bench)}",
+            reason=f"{names(best.terms)} explains the data; equally well: {others}{_by_chance(bench)}",
         )
     if LEVER in best.names and len(best.terms) == 1:
-        why = "one lever arm does for all sizes what each bead's own rolling friction did: it goes with 1/d"
+        why = "one lever arm explains the rolling friction of all bead sizes: it is proportional to 1/d"
         return replace(plain, verdict="named", chosen=best, reason=why)
-    rest = ", with a remainder that it does not explain" if left else ""
+    rest = "; a part of the residuals remains unexplained" if left else ""
     rest += _in_other_forms(naming, best) + _by_chance(bench)
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
 
 
 def _remains(bench: Regioned, location: Location, fitted: Fit) -> bool:
-    """Whether something is left over: by what repetitions have in common, by the rows where nothing was repeated."""
+    """Whether a disagreement remains: in the mean over repetitions, or in single rows if nothing was repeated."""
     return location.p < SURE or (_all_once(bench) and fitted.per_row > CLEARLY * noise_floor(bench, fitted))
 
 
 def _once(bench: Regioned) -> int:
-    """How many conditions were not repeated."""
+    """Number of conditions with one repetition."""
     return int(np.sum(np.bincount(bench.condition) == 1))
 
 
@@ -269,20 +291,20 @@ def _all_once(bench: Regioned) -> bool:
 
 
 def _by_chance(bench: Regioned) -> str:
-    """What the lab cannot tell for want of repetitions."""
+    """A remark on conditions without repetitions, empty where all were repeated."""
     once = _once(bench)
     which = "no condition was" if _all_once(bench) else f"{once} of {len(bench.condition_names)} conditions were not"
-    return f"; {which} repeated, so what a run does by chance is not told from an effect there" if once else ""
+    return f"; {which} repeated, so random scatter and an effect cannot be separated there" if once else ""
 
 
 def _in_other_forms(naming: Naming, best: Candidate) -> str:
-    """Which other laws of the same thing the data would take as well."""
+    """A remark on other forms of the same effect that fit equally well."""
     others = dict.fromkeys(term.title for form in naming.forms for term in form.terms if term.name not in best.names)
-    return f"; which form it takes is not resolved: as well {' or '.join(others)}" if others else ""
+    return f"; the form is not resolved: {' or '.join(others)} fits equally well" if others else ""
 
 
 def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candidate) -> tuple[Candidate, Naming]:
-    """The best fitted again from where a formula went: a better way found is no merit of the formula."""
+    """Fit the best set again from the formula's solution: a better local minimum must not count for the formula."""
     known = {u.name: float(v) for u, v in zip(best.fitted.unknowns, best.fitted.values, strict=True) if u.effect}
     again = fit(bench, best.terms, near=formula.fitted, beside=known, most=25, rounds=2)
     gained = best.fitted.deviance - again.deviance
@@ -293,7 +315,7 @@ def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candi
 
 
 def _more_to_say(bench: Regioned, best: Candidate) -> bool:
-    """Whether any nameless term on top of the best would gain enough to be worth a closer look."""
+    """Whether a nameless term added to the best set promises enough gain to be fitted."""
     if best.fitted.per_row > 1.5:
         return True
     terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
@@ -301,10 +323,10 @@ def _more_to_say(bench: Regioned, best: Candidate) -> bool:
 
 
 def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Gap | None]:
-    """An `unlisted` verdict with its formula, where one holds on data that it was not fitted to, and what it closes.
+    """An `unlisted` verdict with a formula, if one holds on held-out data, and its gap.
 
-    A formula that does not hold is no law: it is told as a hint alone, and no model gets it.  Where the search itself
-    fails, the verdict stands without one.
+    A formula that fails on held-out data is only mentioned as a hint and does not enter the model.  If the search
+    itself fails, the verdict has no formula.
     """
     naming = verdict.naming
     assert naming is not None
@@ -320,23 +342,23 @@ def _with_formula(verdict: Diagnosis, progress: Progress) -> tuple[Diagnosis, Ga
 
 
 def _no_law(found: Formula | None) -> str:
-    """Why no formula is told, and the best one's share as a hint."""
+    """Why no formula is reported, and the share that the best one closes as a hint."""
     if found is None or (found.share is not None and not found.share > 0):
         return "no formula of the known terms describes how"
     closes = found.sizes.closed if found.share is None else found.share
     if closes is None or not closes > 0:
         return "no formula of the known terms describes how"
-    where = "where it was fitted" if found.share is None else "on repetitions that it was not fitted to"
+    where = "on the data it was fitted to" if found.share is None else "on held-out repetitions"
     return (
-        f"of the formulas of known terms {found.flaw}; the best, no more than a hint, closes {100 * closes:.0f} % of "
+        f"{found.flaw}; the best formula, given only as a hint, closes {100 * closes:.0f} % of "
         f"the gap {where}: {found.words}"
     )
 
 
 def _closed(naming: Naming, noise: float) -> float | None:
-    """Share of the excess that the best closes: of what repetitions have in common, or of all, whichever is less.
+    """Share of the excess gap that the best set closes, in the mean over repetitions or over all rows, the smaller one.
 
-    `noise` is what the best would leave of all without any gap.
+    `noise` is the squared deviation per row that the best set would leave without any gap.
     """
     assert naming.best is not None
     common = naming.location.statistic, naming.after.statistic, 1.0
@@ -346,7 +368,7 @@ def _closed(naming: Naming, noise: float) -> float | None:
 
 
 def _next(diagnosis: Diagnosis) -> str:
-    """What to do next at the bench."""
+    """Proposal for the next experiment."""
     naming = diagnosis.naming
     if diagnosis.verdict == "indistinguishable" and diagnosis.chosen is not None:
         asked = [*diagnosis.chosen.terms, *(term for other in _alike(diagnosis) for term in other.terms)]
@@ -354,7 +376,7 @@ def _next(diagnosis: Diagnosis) -> str:
         best = next(iter(diagnosis.designs), None)
         if best is None:
             return hints
-        verb = "would tell them apart" if best.separation >= CLEAR else "would do most to tell them apart"
+        verb = "would separate them" if best.separation >= CLEAR else "would separate them best, though not clearly"
         return (
             f"{best.words}, {best.repetitions} repetitions, {verb}: {' and '.join(best.between)} then differ by "
             f"{best.separation:.1f} standard deviations; also: {hints}"
@@ -368,7 +390,7 @@ def _next(diagnosis: Diagnosis) -> str:
 
 
 def _sensitivity(naming: Naming) -> str:
-    """What these data would have shown, and what they could not show whatever its size."""
+    """Smallest detectable size of each effect, and the effects that these data cannot show."""
     seen, blind = [], []
     stated = {u.name: u.sd for u in naming.base.unknowns if math.isfinite(u.sd)}
     for one in naming.tried:
@@ -376,7 +398,7 @@ def _sensitivity(naming: Naming) -> str:
             term = one.terms[0]
             parameter = term.parameters[0]
             std = one.fitted.std(f"{term.name}.{parameter.name}")
-            # inside what is stated of the calibration it is no effect, however well the data know it
+            # a change within the stated calibration uncertainty is not an effect, however well the data determine it
             least = math.hypot(math.sqrt(ALARM) * std, STATED * stated.get(f"{term.name}.{parameter.name}", 0.0))
             least = max(least, parameter.least)
             if math.isfinite(least) and 0 < least < parameter.high:
@@ -387,7 +409,7 @@ def _sensitivity(naming: Naming) -> str:
         blind += [f"{term.title} ({term.splits})" for term in naming.unseen]
     text = "smallest effects that these data would have shown: " + ", ".join(seen) if seen else ""
     if blind:
-        text += "; taken up by the baseline's own unknowns, whatever their size: " + "; ".join(blind)
+        text += "; not detectable at any size, because unknowns of the baseline absorb them: " + "; ".join(blind)
     return text
 
 
@@ -404,7 +426,7 @@ def _stability(diagnosis: Diagnosis) -> Stability | None:
     if naming is None or chosen is None or diagnosis.verdict not in ("named", "indistinguishable"):
         return None
     if _all_once(diagnosis.bench):
-        return None  # there are no other repetitions to draw
+        return None  # without repetitions there is nothing to resample
     same_size = [one for one in naming.tried if len(one.terms) == len(chosen.terms) and not one.reason]
     rivals = [one for one in same_size if one.groups != chosen.groups]
     spread = spread_of(naming.base, naming.location)
@@ -420,7 +442,7 @@ def _stability(diagnosis: Diagnosis) -> Stability | None:
 
 
 def _designs(diagnosis: Diagnosis) -> tuple[Design, ...]:
-    """Settings that split the set; computed where there is one."""
+    """Settings that separate indistinguishable sets; empty for other verdicts."""
     if diagnosis.verdict != "indistinguishable" or diagnosis.chosen is None:
         return ()
     rivals = [diagnosis.chosen.fitted, *(other.fitted for other in _alike(diagnosis)[:MOST_RIVALS])]
@@ -433,7 +455,7 @@ def _alike(diagnosis: Diagnosis) -> tuple[Candidate, ...]:
 
 
 def _sets(diagnosis: Diagnosis) -> list[list[str]]:
-    """The names that stand for each other: what the rival sets do not share."""
+    """The interchangeable names: those that not all rival sets share."""
     others = _alike(diagnosis)
     if diagnosis.chosen is None or not others:
         return []
@@ -443,7 +465,7 @@ def _sets(diagnosis: Diagnosis) -> list[list[str]]:
 
 
 def _effects(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Effects with parameters, the most certain first; each probability from the deviances of its rivals."""
+    """Effects with parameters, largest gain first; the probability follows from the scores of the rivals."""
     if diagnosis.chosen is None or diagnosis.verdict == "unlisted":
         return []
     chosen, others = diagnosis.chosen, _alike(diagnosis)
@@ -463,7 +485,7 @@ def _effects(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 
 def _gain_of(diagnosis: Diagnosis, term: Effect) -> float:
-    """What the chosen set would lose without the term."""
+    """Gain that the chosen set would lose without the term."""
     assert diagnosis.naming is not None
     assert diagnosis.chosen is not None
     rest = {name for name in diagnosis.chosen.names if name != term.name}
@@ -486,13 +508,13 @@ def _statistic(location: Location | None) -> dict[str, Any] | None:
 
 
 def in_words(location: Location | None) -> str:
-    """Where the disagreement is and where it is not, in one or two sentences."""
+    """Where data and model disagree, in one or two sentences."""
     if location is None:
         return "not located"
     if not location.tested:
         return "not tested: no region is seen in two repetitions of a condition"
     if not location.found:
-        return f"nowhere: none of {location.tested} regions stands out of the noise"
+        return f"nowhere: in none of {location.tested} regions is the mean residual significant"
     experiments = dict.fromkeys(one.experiment for one in location.found)
     regions = dict.fromkeys(one.region for one in location.found)
     top = location.found[0]

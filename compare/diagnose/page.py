@@ -1,4 +1,4 @@
-"""The page of a diagnosis: locate, name, add, show, as one HTML file that opens offline."""
+"""The page of a diagnosis as one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from rigtwin.lab.formatting import unit_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BEFORE, AFTER, NOISE = "#d55e00", "#0072b2", "#c3ccd4"  # told apart by colour-blind readers (Okabe and Ito 2008)
+BEFORE, AFTER, NOISE = "#d55e00", "#0072b2", "#c3ccd4"  # safe for colour-blind readers (Okabe and Ito 2008)
 MOST_PANELS = 12
-SLICES = 40  # of a record, for the curves
+SLICES = 40  # time bins of a record, for the residual curves
 
 
 def page(diagnosis: Diagnosis) -> str:
-    """The whole page."""
+    """The HTML text of the whole page."""
     naming = diagnosis.naming
     return filled(
         "diagnosis.html",
@@ -56,7 +56,7 @@ def page(diagnosis: Diagnosis) -> str:
 
 
 def _leading(diagnosis: Diagnosis) -> list[Any]:
-    """All single candidates, and the ten best sets of more."""
+    """All single candidates and the ten best larger sets, largest gain first."""
     if diagnosis.naming is None:
         return []
     order = sorted(diagnosis.naming.tried, key=lambda one: -one.gain)
@@ -176,7 +176,7 @@ def _panel(axes: Axes, bench: Any, fitted: Fit, condition: int, k: int, colour: 
 
 
 def _slices(time: Array, residual: Array) -> tuple[Array, Array]:
-    """Mean residual of each slice of time in its standard errors."""
+    """Centre [s] and mean residual of each time bin, in standard errors of that mean."""
     edges = np.linspace(time.min(), time.max() + 1e-9, SLICES + 1)
     number = np.digitize(time, edges) - 1
     centre, mean = [], []

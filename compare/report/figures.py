@@ -1,4 +1,4 @@
-"""Plots of the report: what was measured, with the twin laid over it, as inline SVG."""
+"""Plots of measured and simulated curves for the report, as inline SVG."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from rigtwin.compare.curve_overlays import Curve, Overlay
 
 
-MOST_CURVES = 12  # drawn of each side; a drum has hundreds
+MOST_CURVES = 12  # largest number of curves drawn on each side; a drum has hundreds
 
 
 def overlay_figure(overlay: Overlay) -> str:
-    """Measured and simulated curves on common axes, single ones faint, their means strong."""
+    """Measured and simulated curves on common axes, single curves faint, their means strong; SVG text."""
     low, high = overlay.span
     tall = 3.2
     if overlay.to_scale:

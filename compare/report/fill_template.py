@@ -1,4 +1,4 @@
-"""Templates filled in: the pages for a person."""
+"""Fill the templates of the pages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def filled(template: str, **values: Any) -> str:
-    """The text of a template of ``compare/report/templates``; only HTML has its special signs escaped."""
+    """The filled text of a template of ``compare/report/templates``; values are escaped in HTML only."""
     import jinja2
 
     environment = jinja2.Environment(

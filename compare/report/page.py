@@ -1,4 +1,4 @@
-"""The report: one HTML file that opens offline and tells measured, simulated and the difference to a person."""
+"""The report of a comparison: one self-contained HTML file with measured and simulated values and their difference."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from rigtwin.compare.curve_overlays import Overlay
     from rigtwin.lab.file.lab_file import Experiment
 
-MOST_STILLS = 4  # pictures shown per experiment; all of them lie beside the report
+MOST_STILLS = 4  # pictures shown per experiment; all of them are in the folder of the report
 STILL_WIDTH = 1200  # [px], wide enough to judge a bead's outline when the picture is enlarged
 
 
 @dataclass(frozen=True)
 class Row:
-    """A deviation as the tables show it."""
+    """A row of a table of deviations, formatted."""
 
     experiment: str
     quantity: str
@@ -41,7 +41,7 @@ class Row:
     percent: str
     z: str
     verdict: str
-    tone: str  # "good", "bad", "doubt" or "plain"
+    tone: str  # "good", "bad", "doubtful" or "plain"
     notes: tuple[int, ...]  # numbers of the notes below the table
     bar: Bar | None
 
@@ -72,7 +72,7 @@ class CheckLine:
 
 
 def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> str:
-    """The whole page; `provenance` is what provenance.json says, `out` the folder the page will lie in."""
+    """The text of the page; `provenance` is the content of provenance.json, `out` the folder of the page."""
     return filled(
         "report.html",
         title=comparison.lab.title,
@@ -95,9 +95,9 @@ def _summary(comparison: Comparison) -> str:
     differ = len(compared) - agree - doubtful - few - vague
     parts = [f"{agree or 'none'} agree within their uncertainty", f"{differ or 'none'} differ"]
     if few:
-        parts.append(f"{few} cannot be told apart with so few repetitions")
+        parts.append(f"{few} have too few repetitions to tell")
     if vague:
-        parts.append(f"{vague} are known too loosely to tell")
+        parts.append(f"{vague} are too uncertain to tell")
     if doubtful:
         parts.append(f"{doubtful} are doubtful")
     rigs = len(comparison.outcomes)
@@ -140,9 +140,9 @@ def _table(rows: Sequence[Deviation]) -> dict[str, Any]:
 
 
 def _notes(row: Deviation) -> list[str]:
-    doubt = f"Doubtful: {row.doubtful}." if row.doubtful else ""
+    doubtful = f"Doubtful: {row.doubtful}." if row.doubtful else ""
     note = f"{row.note[:1].upper()}{row.note[1:]}." if row.note else ""
-    return [text for text in (doubt, note) if text]
+    return [text for text in (doubtful, note) if text]
 
 
 def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
@@ -165,7 +165,7 @@ def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
 
 def _tone(row: Deviation) -> str:
     if row.doubtful:
-        return "doubt"
+        return "doubtful"
     if row.verdict.startswith("agree"):
         return "good"
     return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
@@ -184,7 +184,7 @@ def _bar(row: Deviation, widest: float) -> Bar | None:
 
 
 def _widest(rows: Iterable[Deviation]) -> float:
-    """[%] one scale for the drawings of a table, wide enough for each dot: 5, 10, 20, 50, ..."""
+    """Scale [%] of the drawings of a table, wide enough for each dot: 5, 10, 20, 50, ..."""
     largest = max((abs(row.percent_deviation) for row in rows if row.percent_deviation is not None), default=0.0)
     steps = (factor * 10**power for power in range(6) for factor in (1, 2, 5))
     return float(next((step for step in steps if step >= max(largest, 5)), largest))
@@ -220,17 +220,17 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
 
 
 def _stated(experiment: Experiment) -> list[tuple[str, str]]:
-    """What the experimenter said of the rig, as far as it is said."""
+    """The stated settings of the rig, as name and text."""
     said = entry_of(experiment).stated(experiment)
     return [(name, f"{value * factor:.4g}{unit}") for name, value, factor, unit in said if value is not None]
 
 
 def _shape(overlay: Overlay) -> dict[str, str]:
-    """The drawing of a shape and the sentence below it."""
+    """Figure and caption of an overlay."""
     unit = {"deg": "°", "%": " %"}.get(overlay.unit, f" {overlay.unit}")
     beads = "" if overlay.bead is None else f" ({overlay.distance / overlay.bead:.2g} bead diameters)"
     scatter = overlay.scatter(overlay.measured)
-    own = "" if scatter is None else f"; single measured curves lie {scatter:.2g}{unit} about their mean"
+    own = "" if scatter is None else f"; single measured curves scatter by {scatter:.2g}{unit} about their mean"
     return {
         "figure": figures.overlay_figure(overlay),
         "caption": f"{overlay.what[:1].upper()}{overlay.what[1:]}: measured and simulated means lie "
@@ -239,7 +239,7 @@ def _shape(overlay: Overlay) -> dict[str, str]:
 
 
 def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], int]:
-    """Overlay pictures as data addresses, and how many more there are."""
+    """Overlay pictures as data URLs, and the number of further ones."""
     paths = dict.fromkeys(path for item in measurements for path in item.files.values() if path.is_file())
     pictures = [
         (re.sub(r"-(still|overlay)$", "", path.stem), path) for path in paths if path.suffix in (".png", ".jpg")
@@ -249,7 +249,7 @@ def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], 
 
 
 def _embedded(path: Path) -> dict[str, Any]:
-    """A picture at the report's size as a data address, and whether it is wider than high."""
+    """A picture at the report's size as a data URL, and whether it is wider than high."""
     import cv2
     import numpy as np
 
@@ -267,7 +267,7 @@ def _embedded(path: Path) -> dict[str, Any]:
 
 
 def _check_lines(repetitions: Sequence[Sequence[Check]]) -> Iterable[CheckLine]:
-    """Each check once, with the message of a failed repetition where there is one."""
+    """Each check once, with the message of a failed repetition if there is one."""
     names = dict.fromkeys(check.check for checks in repetitions for check in checks)
     for name in names:
         mine = [check for checks in repetitions for check in checks if check.check == name]
@@ -299,9 +299,9 @@ def _budgets(rows: Sequence[Deviation]) -> Iterable[dict[str, Any]]:
 
 def _repetition(measurement: Measurement, out: Path) -> dict[str, Any]:
     kinds: dict[Path, str] = {}
-    for kind, path in measurement.files.items():  # of a photo, overlay and still are one file
+    for kind, path in measurement.files.items():  # overlay and still of a photo are the same file
         kinds.setdefault(path.resolve(), kind.replace("_", " "))
-    here = out.resolve()  # what was written elsewhere could not be reached by a report that is moved
+    here = out.resolve()  # only files in the folder of the report stay linked when it is moved
     files = [(kind, path.relative_to(here).as_posix()) for path, kind in kinds.items() if path.is_relative_to(here)]
     return {
         "name": measurement.source.name,

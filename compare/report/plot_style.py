@@ -1,3 +1,5 @@
+"""Colours, style and SVG output of the plots."""
+
 from __future__ import annotations
 
 import io
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# told apart by colour-blind readers and in grey print (Okabe and Ito 2008)
+# distinguishable for colour-blind readers and in grey print (Okabe and Ito 2008)
 MEASURED, TWIN = "#0072b2", "#d55e00"
 
 _STYLE: Any = {
@@ -34,12 +36,12 @@ _STYLE: Any = {
     "legend.frameon": False,
 }
 
-_MOST_POINTS = 500  # per curve; more is not seen and makes the file heavy
+_MOST_POINTS = 500  # largest number of points in a curve; more are not visible and enlarge the file
 
 
 @contextmanager
 def canvas(height: float = 3.2) -> Iterator[tuple[Figure, Axes]]:
-    """A figure of `height` [inch] with one pair of axes in the report's style; no pyplot, so nothing global is left."""
+    """A figure of `height` [inch] with one pair of axes in the report's style; without pyplot and its global state."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -52,7 +54,7 @@ def svg(figure: Figure, label: str) -> str:
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     drawing = text.getvalue()
-    # inside a page, the drawing's own style sheet would reach all of the page
+    # the style sheet of the drawing would apply to the whole page
     drawing = re.sub(r"<style.*?</style>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
     return drawing.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
 

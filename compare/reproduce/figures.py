@@ -1,3 +1,5 @@
+"""Figures of the studies on the angle of repose."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -9,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def study_figure(study: Study, points: Points) -> str:
-    """Angles against what was varied, with the standard deviation over piles."""
+    """Angles against the varied quantity, with the standard deviation over piles, as SVG text."""
     colours = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000", "#8a94a0")
     with canvas() as (figure, axes):
         for (reading, found), colour in zip(points.items(), colours, strict=False):

@@ -1,8 +1,8 @@
-"""The paper's rigs as runs: each function runs one twin and returns plain numbers.
+"""The rigs of the paper as runs: each function runs one twin and returns plain numbers.
 
-All parameters are the paper's calibrated ones (tables A2 to A7, stiffness reduced to a thousandth); what the paper
-leaves unsaid is an argument with the inferred value as its default, and `ASSUMED` says where it comes from.  The
-rolling law is "type C" where a run does not say it: so were those made that were kept before there was a choice.
+All parameters are the paper's calibrated ones (tables A2 to A7, stiffness reduced to a thousandth).  What the paper
+does not state is an argument with an inferred default, whose origin is in `ASSUMED`.  The default rolling law is
+"type C", because runs kept before there was a choice used it.
 """
 
 from __future__ import annotations
@@ -24,49 +24,50 @@ if TYPE_CHECKING:
     from rigtwin.lab.materials import Particle
     from rigtwin.sim.engine.contact import Rolling
 
-RIM = 10e-3  # [m]
-CYLINDER = 65e-3  # [m]
-HIGHER = 1.5  # times as high is the cylinder into which a bed is poured again that the first did not hold
-DRUM = 140e-3  # [m]
-DEPTH = 30e-3  # [m]
-FILL = 0.35
-PACKED = 0.6  # part of a bed's volume that is beads, about
-TURNS = 0.75  # of the drum
-SLOT = 68e-3  # [m]
-OUTLET = 50e-3  # [m], of the conical hopper
-PRINTED_EMPTIED = 12223  # particles, table 13 at 1e6 Pa
-PILED = 1.6  # beads poured over those that a heap of 30 degrees and a full bowl would hold
+RIM = 10e-3  # [m], height of the rim of a bowl
+CYLINDER = 65e-3  # [m], inner diameter of the cylinder
+HIGHER = 1.5  # factor on the height of the cylinder if the bed spilled over
+DRUM = 140e-3  # [m], inner diameter of the drum
+DEPTH = 30e-3  # [m], depth of the drum
+FILL = 0.35  # filled share of the drum's volume
+PACKED = 0.6  # approximate packing fraction of a bed
+TURNS = 0.75  # revolutions of the drum
+SLOT = 68e-3  # [m], length of the slot
+OUTLET = 50e-3  # [m], outlet diameter of the conical hopper
+PRINTED_EMPTIED = 12223  # emptied particles, table 13 at 1e6 Pa
+PILED = 1.6  # particles poured over the number in a full bowl with a pile of 30 degrees
 
 ASSUMED = {
-    "rim": "the bowls have a rim of 10 mm, and what stands above it is read, as a camera beside the bowl sees it (the "
-    "paper gives neither; without a rim no pile stands)",
+    "rim": "the bowls have a rim of 10 mm, and the pile is read above it, as a camera beside the bowl sees it (the "
+    "paper states neither; without a rim no pile forms)",
     "cylinder": "the 1000 mL cylinder of PMMA is 65 mm wide inside (from the paper's masses and bed heights); a "
     "bed that spills over its edge is poured again into one half as high again",
-    "tops": "a bed's height is that of the tops of its surface's beads, where a gauge is read, as it is for a "
-    "bed in a photo; the mean surface, pits included, lies some half a bead lower",
+    "tops": "a bed's height is that of the tops of its surface beads, where a gauge is read, as for a bed in a photo; "
+    "the mean surface, pits included, is about half a bead lower",
     "d12": "390 D12 beads, not 800, stand in the cylinder (800 do not fit under the printed height)",
     "before": "the paper's own column of table 7 was simulated before the calibration (section 3.1); the rows so "
-    "called have the frictions among particles that it took then, 0.2 and 0.01 (beads) or 0.5 and 0.1 (cubes and "
+    "called have the frictions among particles that it used then, 0.2 and 0.01 (beads) or 0.5 and 0.1 (cubes and "
     "pellets; static and rolling), and wooden beads and the cube of 24 spheres before they were enlarged; contacts "
-    "with the wall and all restitutions are the calibrated ones, for those of then are not told",
+    "with the wall and all restitutions are the calibrated ones, because the paper does not state the earlier ones",
     "computing": "ours is the processor time of one thread from the first particle poured until the bed is read, "
-    "kernels that are compiled then included, over the number of particles; the paper tells neither its computer nor "
-    "what it counts, so that its seconds only stand beside ours",
-    "swept": "tables 4 to 6 print how far the simulated bed is from the measured one without its sign; particles are "
-    "those of tables A2 to A7 (the enlarged beads), but for their friction among each other",
-    "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper gives none of these; "
-    "in its experiment and its simulation beads of 12 mm lie 10 to 22 degrees steeper than those of 6 mm with like "
-    "frictions, which only near end walls do to ours: 16 degrees, graphical, where they are 30 mm apart, 10 at 50 mm)",
+    "including the compilation of kernels, over the number of particles; the paper states neither its computer nor "
+    "what its time includes, so that the two are not compared",
+    "swept": "tables 4 to 6 print the absolute deviation of the simulated bed from the measured one; particles are "
+    "those of tables A2 to A7 (the enlarged beads), except for the friction between particles",
+    "drum": "the PMMA drum is 30 mm deep and 35 % full, and its end walls turn with it (the paper states none of "
+    "these; in its experiment and its simulation beads of 12 mm are 10 to 22 degrees steeper than those of 6 mm with "
+    "similar frictions, which our twin shows only with close end walls: 16 degrees, graphical, at a distance of 30 mm, "
+    "10 at 50 mm)",
     "wall": "bowls are of steel; drum, cylinder and hoppers of PMMA",
     "slot": "the hopper of section 2.2.5 is a slot 68 mm long, whose width is the printed outlet (a round outlet of "
     "that size would pass a tenth of the printed flow)",
     "conical": "particles that left the conical hopper of section 2.2.3 within 5 s, over 5 s, as the printed number of "
-    "emptied particles is to be read; where all left before, these are as many at any flow and are not set against the "
-    "paper's; the steady flow stands beside what the paper prints and is another thing",
-    "piled": "1.6 times as many particles are poured as bowl and heap hold; the surplus falls over the rim",
-    "pour": "particles fall from one particle's size above the heap, with which the outlet rises, as many a second as "
-    "Beverloo's law has for an outlet a quarter of the base wide, at least three particles (the paper gives neither, "
-    "and says that a heap falls apart under particles from too great a height)",
+    "emptied particles is understood; if all left earlier, this number does not depend on the flow and is not compared "
+    "with the paper's; the steady flow is listed beside the paper's value but is a different quantity",
+    "piled": "1.6 times as many particles are poured as bowl and pile hold; the surplus falls over the rim",
+    "pour": "particles fall from one particle diameter above the pile, the outlet rises with it, and their rate "
+    "follows Beverloo's law for an outlet a quarter of the base wide, at least three particles (the paper states "
+    "neither, and says that a pile falls apart under particles from too great a height)",
 }
 ROLLED: Mapping[Rolling, str] = {
     "type A": "rolling friction is a constant torque mu_r F_n R against a particle's own spin, R from the contact to "
@@ -96,10 +97,10 @@ def piling(
 ) -> dict[str, Any]:
     """Angles of repose [deg] of one pile, means over four views and both sides (tables 14 and 15).
 
-    Read above the rim and, with the suffix ``_from_plate``, above the base plate.  `count` beads are poured (None: the
-    surplus falls over the rim) through an outlet at `outlet_height` [m] above the base.  None: it rises with the heap,
-    `fall_height` [m] above it, and passes what Beverloo's law says; without that either, the twin pours from its usual
-    height, and quicker.
+    Read above the rim and, with the suffix ``_from_plate``, above the base plate.  `count` is the number of beads
+    (None: a surplus that falls over the rim), `outlet_height` [m] the height of the outlet above the base.  With None
+    the outlet rises with the pile, `fall_height` [m] above it, at the rate of Beverloo's law; with `fall_height` None,
+    too, the twin pours from its usual height and faster.
     """
     import numpy as np
 
@@ -137,9 +138,9 @@ def packing(
     higher: float = HIGHER,
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:
-    """Height [mm] of the bed that `count` particles make in the cylinder (tables 4 to 7).
+    """Height [mm] of the bed of `count` particles in the cylinder (tables 4 to 7).
 
-    Where particles fall over the cylinder's edge the bed is poured once more, into a cylinder half as high again.
+    If particles fall over the edge, the bed is poured once more into a cylinder `higher` times as high.
     """
     from rigtwin.compare.twins.packing import cylinder_for, packing_twin
 
@@ -172,7 +173,7 @@ def drum(
     fill: float = FILL,
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:
-    """Dynamic angles of repose [deg] in the drum that turns at `speed` [rad/s] (tables 14 and 15)."""
+    """Dynamic angles of repose [deg] in the drum at `speed` [rad/s] (tables 14 and 15)."""
     from rigtwin.compare.twins.drum import drum_twin
 
     rig = Drum(diameter, speed, depth, fill)
@@ -208,7 +209,7 @@ def conical_hopper(
     seconds: float = 5.0,
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:
-    """Emptied D6 beads and mass flow [g/s] of the conical hopper at a shear modulus [Pa] (table 13)."""
+    """Number of emptied D6 beads and mass flow [g/s] of the conical hopper at a shear modulus [Pa] (table 13)."""
     import numpy as np
 
     from rigtwin.compare.twins.hopper import hopper_twin
@@ -241,10 +242,10 @@ def conical_hopper(
 
 
 def inputs(function: str, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run's settings stand for: the rig's inferred sizes, and particle, wall and contacts as they are now.
+    """The data behind a run's settings: the rig's inferred sizes, and particle, wall and contacts as they are now.
 
-    Of a clump what does not hang on how it is turned.  How the engine works is not among it: that is the version's.  A
-    new argument of a rig makes all its runs other ones.
+    Of a clump only properties that do not depend on its orientation.  The engine is not included: the version covers
+    it.  A new argument of a rig function invalidates all its kept runs.
     """
     taken = inspect.signature(globals()[function]).parameters.values()
     rig = {one.name: one.default for one in taken if one.default is not inspect.Parameter.empty} | dict(settings)
@@ -270,7 +271,7 @@ def inputs(function: str, settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def piled_count(base_diameter: float, rim: float, volume: float, surplus: float = PILED) -> int:
-    """How many particles of `volume` [m^3] to pour on a bowl.
+    """Number of particles of `volume` [m^3] to pour on a bowl.
 
     >>> piled_count(90e-3, 10e-3, 124.8e-9)
     882
@@ -281,7 +282,7 @@ def piled_count(base_diameter: float, rim: float, volume: float, surplus: float 
 
 
 def pour_rate(particle: Particle, base_diameter: float) -> float:
-    """[1/s], by Beverloo's law, through the outlet that a twin has over a base of that diameter [m]."""
+    """Pouring rate [1/s] by Beverloo's law, through the outlet of a twin over a base of that diameter [m]."""
     from rigtwin.sim.pile.piling import outlet_diameter
     from rigtwin.sim.run.filling import beverloo
 
@@ -296,9 +297,9 @@ def _cast(
     *,
     enlarged: bool = True,
 ) -> Cast:
-    """Particle, wall and contacts as the paper calibrated them, with other frictions among the particles if given.
+    """Calibrated particle, wall and contacts of the paper, with other frictions between the particles if given.
 
-    Not `enlarged`: wooden beads and the cube of 24 spheres are as large as before the calibration.
+    Not `enlarged`: wooden beads and the cube of 24 spheres have their size before the calibration.
     """
     from rigtwin.compare.twins.many_body import Cast
 
@@ -310,7 +311,7 @@ def _cast(
 
 
 def _angles(evaluation: Evaluation) -> dict[str, float]:
-    """Mean over all views and both sides, of the first method and of the others under their own names."""
+    """Mean angles over all views and both sides, by method; the first method also without its name."""
     found: dict[str, float] = {}
     for quantity in over_views(evaluation.quantities):
         if quantity.unit != "deg" or quantity.detail.get("side") not in (None, "mean"):
@@ -322,7 +323,7 @@ def _angles(evaluation: Evaluation) -> dict[str, float]:
 
 
 def _course(twin: Any) -> dict[str, Any]:
-    """What a reader of the table wants to know of the run itself."""
+    """Particle numbers, rest state, wall-clock time [s] and warnings of the run."""
     settings = twin.settings
     kept = {name: settings[name] for name in ("asked", "placed", "fallen", "at_rest") if name in settings}
     return {**kept, "wall_s": twin.seconds, "warnings": list(twin.warnings)}

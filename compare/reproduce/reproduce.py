@@ -1,4 +1,4 @@
-"""Run what the tables need, keep every finished run, and set the paper beside ours."""
+"""Run what the tables of the paper need, keep every finished run, and write the paper's values beside ours."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STUDY_COLUMNS = ("study", "rolling_model", "reading", "place", "unit", "mean", "
 
 @dataclass(frozen=True)
 class Reproduction:
-    """The paper's cells with ours beside them."""
+    """The cells of the paper with our values."""
 
     cells: tuple[Cell, ...]
     done: Done
@@ -41,9 +41,9 @@ class Reproduction:
     studies: tuple[Study, ...] = ()
     files: dict[str, Path] = field(default_factory=dict)
     replaced: str = ""
-    """What the files held before and hold no longer."""
+    """A remark on cells and points of earlier files that the new files do not contain."""
     missing: tuple[str, ...] = ()
-    """What was only to be shown and is not kept."""
+    """Studies whose runs are not all kept, with `only_kept`."""
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -52,7 +52,7 @@ class Reproduction:
 
     @property
     def tables(self) -> dict[tuple[int, Rolling], list[dict[str, Any]]]:
-        """The rows of each table, under each rolling law that it was run with."""
+        """The rows of each table and rolling law."""
         found: dict[tuple[int, Rolling], list[dict[str, Any]]] = {}
         for row in self.rows:
             found.setdefault((row["table"], row["rolling_model"]), []).append(row)
@@ -60,7 +60,7 @@ class Reproduction:
 
     @property
     def scores(self) -> list[dict[str, Any]]:
-        """Per table and rolling law: cells done, and in how many we lie no further off than the paper's DEM does."""
+        """For each table and rolling law: cells done, and those that deviate no more than the paper's DEM."""
         found = []
         for (number, law), mine in self.tables.items():
             judged = [row for row in mine if row["ours"] is not None and row["paper_dem_percent_deviation"] is not None]
@@ -81,12 +81,12 @@ class Reproduction:
         return found
 
     def points(self, study: Study) -> Points:
-        """What there is of a study."""
+        """The points of a study whose runs have finished."""
         return study.points(self.done.results)
 
     @property
     def study_rows(self) -> list[dict[str, Any]]:
-        """Rows of ``studies.csv``, one per point that there is: an angle, its mean and scatter over piles."""
+        """Rows of ``studies.csv``, one for each finished point: mean angle and standard deviation over piles."""
         return [
             {
                 "study": study.name,
@@ -105,7 +105,7 @@ class Reproduction:
 
     @property
     def assumptions(self) -> Mapping[str, str]:
-        """What the paper leaves unsaid in these cells, and what was taken instead."""
+        """What the paper does not state for these cells, and what was assumed instead."""
         names = dict.fromkeys(name for cell in self.cells for name in cell.assumed)
         laws = dict.fromkeys([cell.rolling for cell in self.cells] + [study.rolling for study in self.studies])
         rolled = {f"rolling, {law}" if len(laws) > 1 else "rolling": paper_runs.ROLLED[law] for law in laws}
@@ -113,7 +113,7 @@ class Reproduction:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the runs say against themselves, each kind once: in how many runs, and as the worst of them says it."""
+        """Warnings of the runs, each kind once in its worst form, with the number of runs."""
         runs = len(self.done.results)
         kinds = once(map(warned, self.done.results.values()))
         return tuple(f"in {count} of {runs} runs: {words}" for words, count in kinds.items())
@@ -137,7 +137,7 @@ class Reproduction:
 
 
 def _pattern(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
-    """How alike a table of deviations is to the paper's: rank correlation, and mean distance in percentage points."""
+    """Rank correlation and mean difference (percentage points) of a table of deviations with the paper's."""
     both = [(row["ours"], row["paper_dem"]) for row in rows if row["ours"] is not None]
     if len(both) < 3 or len({mine for mine, _ in both}) == 1:
         return {"rank_correlation": None, "mean_difference": None}
@@ -163,18 +163,49 @@ def reproduce(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> Reproduction:
-    """Fill the paper's tables (all that are reproduced, or those named) and write them into `out`.
+    """Reproduce tables of Hlosta et al. 2020 and write them beside the paper's values.
 
-    `study` names influence studies; without tables or studies named, and not `quick`, all of both are run.  `quick`
-    takes a part of each table, and one heap for each point of a study.
-    `rolling` is the law by which all runs resist rolling; each law's runs are kept beside the other's.  `repetitions`
-    runs with different seeds fill a cell or a study's point; finished runs are kept in ``out/runs`` and not run again,
-    and with `only_kept` nothing else is shown.  Raises `BadInput` for an unknown table or study, for a table
-    that has no quick part, and where nothing is kept that could be shown.
+    Parameters
+    ----------
+    out : Path
+        Folder for cells.csv, studies.csv, cells.json, report.html and reproduction.md; finished runs are kept in
+        ``out/runs`` and not run again.
+    tables : sequence of int, optional
+        Numbers of the tables; all reproduced ones by default.
+    study : sequence of str, optional
+        Names of influence studies.  With neither tables nor studies named, and not `quick`, all of both are run.
+    quick : bool
+        Take a part of each table, and one pile for each point of a study.
+    only_kept : bool
+        Show kept runs only, run nothing.
+    rolling : {"type A", "type A explicit", "type C"}
+        Rolling resistance law of all runs; the runs of each law are kept separately.
+    repetitions : int, optional
+        Runs with different seeds for each cell or point.
+    seed : int
+        First seed.
+    workers : int, optional
+        Number of processes, one for each core by default.
+    progress : Progress
+        Called with step, finished cost [s] and total cost [s].
+
+    Returns
+    -------
+    Reproduction
+        Cells, studies, run results and written files.
+
+    Raises
+    ------
+    BadInput
+        For an unknown table or study, for a table without a quick part, or if nothing is kept with `only_kept`.
+
+    References
+    ----------
+    Hlosta et al. 2020, tables 4 to 7 and 13 to 16; section 3.4 for the studies.
     """
     check_tables(tables or (), quick=quick)
     check_studies(study or ())
-    if only_kept and not any((out / "runs").glob("*.json")):  # found out before what planning costs
+    if only_kept and not any((out / "runs").glob("*.json")):  # checked first, as planning takes time
         raise _none_kept(out)
     wanted = Plan((), ())
     if tables or not study:
@@ -203,13 +234,13 @@ def reproduce(
 
 def _none_kept(out: Path) -> BadInput:
     return BadInput(
-        f"{out / 'runs'}: no finished run of what is asked for is kept there; leave --kept out to run it, or give "
-        "--out, --seed and --rolling-model of the runs that were kept."
+        f"{out / 'runs'}: holds no finished run of the requested tables or studies; leave --kept out to run them, or "
+        "give --out, --seed and --rolling-model of the kept runs."
     )
 
 
 def _not_kept(shown: Sequence[Study], done: Done) -> Iterator[str]:
-    """Studies that are not kept as they are asked for."""
+    """A remark for each study whose runs are not all kept."""
     for study in shown:
         names = [name for named in study.places.values() for name in named]
         if lacking := sum(name not in done.results for name in names):
@@ -220,27 +251,27 @@ def _not_kept(shown: Sequence[Study], done: Done) -> Iterator[str]:
 
 
 def _replaced(file: Path, reproduction: Reproduction) -> str:
-    """What the files of an earlier call show and this one's will not; the runs themselves stay."""
+    """A remark on what the files of an earlier call show and the new files will not; the runs themselves are kept."""
     try:
         before = set(_shown(json.loads(file.read_text(encoding="utf-8"))))
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # none, or not of ours
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # no such file, or of another kind
         return ""
     lost = before - set(_shown(reproduction.to_json()))
     if not lost:
         return ""
     parts = "; ".join(sorted({part for part, _ in lost}))
     return (
-        f"{len(lost)} finished cells or points ({parts}) stood in the files of {file.parent} and were not asked for now"
-        "; their runs are kept, and --kept with the options of then shows them again"
+        f"{len(lost)} finished cells or points ({parts}) were in the files of {file.parent} and were not requested now"
+        "; their runs are kept, and --kept with the earlier options shows them again"
     )
 
 
 def _shown(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """The finished cells and points of a document, each with the table or study that it is in."""
+    """The finished cells and points of a document, each with its table or study."""
     for row in document["cells"]:
         if row["ours"] is not None:
             yield f"table {row['table']}, {row['rolling_model']}", (row["row"], row["quantity"])
-    law = document["assumptions"].get("rolling", "")  # a document has points of one law
+    law = document["assumptions"].get("rolling", "")  # all points of a document have one law
     for study, readings in document["studies"].items():
         for reading, points in readings.items():
             for place, *_ in points:

@@ -1,4 +1,4 @@
-"""How long a run takes on one core, so that dear ones start first and the time left can be told."""
+"""Estimate the run time on one core: the longest runs start first, and the remaining time can be shown."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import math
 from rigtwin.compare.reproduce import paper_runs
 from rigtwin.lab.reference import hlosta2020
 
-START = 5.0  # [s], until the kernels are ready
-BODY, SPHERE = 0.22e-6, 0.035e-6  # [s] a step, for each body and for each of its spheres, among their like
-STEP = 0.3  # of Rayleigh's
-FALLING = 0.7  # part of the bodies that are there on the average while a rig is filled or drained
+START = 5.0  # [s], compilation of the kernels
+BODY, SPHERE = 0.22e-6, 0.035e-6  # [s], cost of a time step for each body and for each of its spheres
+STEP = 0.3  # time step over the Rayleigh time step
+FALLING = 0.7  # average share of the bodies that are present while a rig is filled or drained
 
 
 def seconds(particle: str, count: float, lasts: float, *, stiffness_factor: float = hlosta2020.SOFTENING) -> float:
-    """Time [s] that `count` particles take which are simulated for `lasts` [s]."""
+    """Run time [s] of a simulation of `count` particles over `lasts` [s] of simulated time."""
     bead = hlosta2020.particle(particle)
     step = STEP * bead.rayleigh_time_step / math.sqrt(stiffness_factor)
-    # a long clump has more neighbours than touch it: as many as the sphere that holds it is larger than the clump
+    # the neighbour list of a long clump grows with the volume of its bounding sphere over that of the clump
     neighbours = math.pi / 6 * bead.diameter**3 / bead.volume
     return START + lasts / step * count * (BODY + SPHERE * len(bead.radii) * neighbours)
 
 
 def of_pile(particle: str, base_diameter: float, count: int | None = None) -> float:
-    """Of a heap; without a `count` the surplus falls over the rim and is gone."""
+    """Run time [s] of a pile; without a `count` the surplus falls over the rim and is removed."""
     bead = hlosta2020.particle(particle)
     if count is None:
         poured = paper_runs.piled_count(base_diameter, paper_runs.RIM, bead.mass / bead.effective_density)
@@ -34,12 +34,12 @@ def of_pile(particle: str, base_diameter: float, count: int | None = None) -> fl
 
 
 def of_bed(particle: str, count: int) -> float:
-    """Of a bed in the cylinder."""
+    """Run time [s] of a bed in the cylinder."""
     return seconds(particle, FALLING * count, 4)
 
 
 def of_drum(particle: str, speed: float) -> float:
-    """Of the drum that turns at `speed` [rad/s]."""
+    """Run time [s] of the drum at `speed` [rad/s]."""
     bead = hlosta2020.particle(particle)
     count = (
         math.pi
@@ -55,11 +55,11 @@ def of_drum(particle: str, speed: float) -> float:
 
 
 def of_discharge(particle: str, count: int, empties_in: float) -> float:
-    """Of a hopper that is empty after `empties_in` [s]."""
+    """Run time [s] of a hopper that is empty after `empties_in` [s]."""
     return seconds(particle, FALLING * count, 2 + empties_in)
 
 
 def of_flow(count: int, shear_modulus: float) -> float:
-    """Of the conical hopper, which is empty long before the end; at a shear modulus [Pa]."""
+    """Run time [s] of the conical hopper at a shear modulus [Pa]; it is empty long before the end."""
     factor = shear_modulus / hlosta2020.particle("D6").material.shear_modulus
     return seconds("D6", 0.4 * count, 6, stiffness_factor=factor)

@@ -1,7 +1,7 @@
-"""What an angle of repose hangs on: how many particles, how wide a base, which evaluation (Hlosta et al. 2020, 3.4).
+"""Influence of particle number, base size and evaluation on the angle of repose (Hlosta et al. 2020, section 3.4).
 
-The paper's advice is "the base to particle size ratio should be greater than 25, and the calibration experiment should
-contain approximately 4000 particles" and that evaluations differ.  Each study pours piles of D6 and shows why.
+The paper advises that "the base to particle size ratio should be greater than 25, and the calibration experiment should
+contain approximately 4000 particles", and that evaluations differ.  Each study pours piles of D6.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Results = Mapping[str, dict[str, Any]]
 Points = Mapping[str, Sequence[tuple[float | str, float, float | None, int]]]
-"""By reading: varied value, mean angle [deg], standard deviation over piles, and how many there are."""
+"""By reading: varied value, mean angle [deg], standard deviation over piles [deg], and number of piles."""
 
 PARTICLE = "D6"
 COUNTS = (250, 500, 1000, 2000, 4000)
@@ -39,17 +39,17 @@ SHOWN = ("graphical, 15-85 %", "geometric, apex", "geometric, equal area")
 
 @dataclass(frozen=True)
 class Study:
-    """Angles of piles against what was varied."""
+    """Angles of repose as a function of one varied quantity."""
 
     name: str
     title: str
     x_label: str
     places: Mapping[float | str, tuple[str, ...]]  # the varied value, or the base in words -> names of its runs
-    readings: Mapping[str, str]  # what is read -> key in the results
-    rolling: Rolling = "type A"  # the law by which the piles resist rolling
+    readings: Mapping[str, str]  # name of the reading -> key in the results
+    rolling: Rolling = "type A"  # rolling resistance law
 
     def points(self, results: Results) -> Points:
-        """What the finished runs gave."""
+        """Mean and standard deviation of the finished runs, by reading."""
         found: dict[str, list[tuple[float | str, float, float | None, int]]] = {}
         for reading, key in self.readings.items():
             for place, names in self.places.items():
@@ -68,9 +68,9 @@ def studies(
     rolling: Rolling = "type A",
     quick: bool = False,
 ) -> tuple[list[Run], list[Study]]:
-    """The runs of the studies `names` (all by default) and how to read them; a point is the mean of `repetitions`.
+    """The runs of the studies `names` (all if None), and the studies; a point is the mean of `repetitions` piles.
 
-    Where these are not given a `quick` study has one heap for each point.
+    A `quick` study has one pile for each point by default.
     """
     seeds = range(seed, seed + (repetitions or (1 if quick else REPETITIONS)))
     runs: dict[str, Run] = {}
@@ -86,10 +86,10 @@ def studies(
 
 
 def check_studies(names: Sequence[str]) -> None:
-    """Raises `BadInput` for one that there is not."""
+    """Raise `BadInput` for an unknown study."""
     for name in names:
         if name not in STUDIES:
-            raise BadInput(f"--study: there is no study {name!r}; there are {', '.join(STUDIES)}.")
+            raise BadInput(f"--study: there is no study {name!r}; known are {', '.join(STUDIES)}.")
 
 
 def _number(seeds: Sequence[int]) -> tuple[Study, list[Run]]:

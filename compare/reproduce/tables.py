@@ -1,4 +1,4 @@
-"""Which runs fill which cells of the paper's tables."""
+"""The cells of the paper's tables and the runs that fill them."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Results = Mapping[str, dict[str, Any]]
 
 @dataclass(frozen=True)
 class Cell:
-    """One number of the paper, with ours beside it."""
+    """One number of the paper, and the runs that give ours."""
 
     table: int
-    row: str  # which particle, rig and method
+    row: str  # particle, rig and method
     quantity: str
     unit: str
     experiment: float | None
@@ -35,12 +35,12 @@ class Cell:
     runs: tuple[str, ...]  # names of the runs that give ours
     key: str  # of the number in their results
     assumed: tuple[str, ...] = ()
-    off: float | None = None  # the cell is how far that number is from this one, in percent and without its sign
-    rolling: Rolling = "type A"  # the law by which the runs resist rolling
-    comparable: bool = True  # ours is the same as what the paper prints; else it only stands beside it
+    off: float | None = None  # if given, the cell is the absolute deviation of the number from this one, in percent
+    rolling: Rolling = "type A"  # rolling resistance law of the runs
+    comparable: bool = True  # whether ours is the same quantity as the paper's
 
     def ours(self, results: Results) -> list[float]:
-        """What the finished runs gave."""
+        """Values of the finished runs."""
         found = (result.get(self.key) for result in self._found(results))
         values = [float(value) for value in found if value is not None]
         return values if self.off is None else [100 * abs(value - self.off) / self.off for value in values]
@@ -65,13 +65,13 @@ class Cell:
             "runs": len(values),
             "paper_dem_percent_deviation": _deviation(self.paper_dem, self.experiment),
             "ours_percent_deviation": _deviation(ours, self.experiment),
-            # what is a deviation itself has lost its sign, and has none from the other
+            # an absolute deviation has lost its sign, so its deviation from the paper's is not defined
             "ours_against_paper_dem_percent": _deviation(ours, self.paper_dem) if comparable else None,
             "doubtful": self.doubtful(results),
         }
 
     def doubtful(self, results: Results) -> str:
-        """Why ours is doubtful; empty where no run of it says anything against it."""
+        """Why our value is doubtful; empty if no run gives a reason."""
         found = self._found(results)
         kinds = once([*spoilt(result), *([_ALL_OUT] if self._ran_out(result) else [])] for result in found)
         several = len(found) > 1
@@ -84,7 +84,7 @@ class Cell:
         return [results[name] for name in self.runs if name in results]
 
     def _ran_out(self, result: dict[str, Any]) -> bool:
-        """Whether the cell counts what left within a time in which all left: it says nothing of the flow then."""
+        """Whether the cell counts the particles that left within a time and all had left, so it shows no flow."""
         return self.quantity in _COUNTED and result.get("emptied", 0) >= result.get("asked", math.inf)
 
 
@@ -106,7 +106,7 @@ def plan(
 ) -> Plan:
     """All runs that the tables `numbers` need (all tables by default); `quick` takes a representative part.
 
-    Raises `BadInput` for a table that is not reproduced, or has no such part and is named.
+    Raises `BadInput` for a table that is not reproduced, or that is named and has no quick part.
     """
     check_tables(numbers or (), quick=quick)
     runs: dict[str, Run] = {}
@@ -120,22 +120,22 @@ def plan(
 
 
 def check_tables(numbers: Sequence[int], *, quick: bool = False) -> None:
-    """Raises `BadInput` for one that is not reproduced, or not in minutes where it should be `quick`."""
+    """Raise `BadInput` for a table that is not reproduced, or has no quick part with `quick`."""
     for number in numbers:
         if number not in TABLES:
-            raise BadInput(f"--table: table {number} is not reproduced; there are {', '.join(map(str, TABLES))}.")
+            raise BadInput(f"--table: table {number} is not reproduced; known are {', '.join(map(str, TABLES))}.")
         if quick and number in _NEVER_QUICK:
             short = ", ".join(str(each) for each in TABLES if each not in _NEVER_QUICK)
             raise BadInput(
-                f"--quick: table {number} has no part that takes minutes, for each bed of 2000 cubes of 24 spheres "
-                f"takes several; leave --quick out, or give --table one of {short}."
+                f"--quick: table {number} has no quick part, because each bed of 2000 cubes of 24 spheres takes "
+                f"several minutes; leave --quick out, or give --table one of {short}."
             )
 
 
 def under(rolling: Rolling, run: Run) -> Run:
-    """The run under a rolling law.
+    """The run with a rolling law.
 
-    Under type C it is named as it was before there was a choice: what was kept then is found, and read as such.
+    With type C it has its name from before there was a choice, so that runs kept then are found.
     """
     if rolling != "type C":
         name = f"{rolling.replace(' ', '_')}-{run.name}"
@@ -161,9 +161,9 @@ _QUICK_ANGLES = (
 )
 _QUICK_BEDS = ("D6", "D6_ABS", "D12")
 _QUICK_SLOTS = ("D6_ABS", "D12", "P6x15")
-_FLOW_MODULI = (1e6, 1e7, 1e8)  # [Pa]; beyond, a run takes days
-_ALL_OUT = "all had left before the time was over, so that it is the same at any flow"
-_NEVER_QUICK = (5,)  # tables
+_FLOW_MODULI = (1e6, 1e7, 1e8)  # [Pa]; with larger moduli a run takes days
+_ALL_OUT = "all had left before the end of the time, so the value does not depend on the flow"
+_NEVER_QUICK = (5,)  # tables without a quick part
 _COUNTED = ("mass_flow", "emptied_particles")  # within a stated time
 
 
@@ -200,9 +200,9 @@ def _angles(number: int, quick: bool, repetitions: int | None, seed: int) -> Row
 
 
 def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    """Table 7: bed heights of all virtual particles, and what computing them takes.
+    """Table 7: bed heights of all virtual particles, and the computing time.
 
-    And once more with what the paper's simulation had when it was printed: no experiment is judged by that.
+    Rows "before calibration" use the parameters that the paper's own simulation had; they have no experiment.
     """
     for row in hlosta2020.table(number):
         particle = str(row["virtual_particle"])
@@ -237,7 +237,7 @@ def _bed(number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int,
 
 
 def _in_bed(particle: str) -> int:
-    """How many particles stand in the cylinder."""
+    """Number of particles in the cylinder."""
     if particle == "D12":
         return 390
     printed = hlosta2020.CLUMPS.get(particle, particle)
@@ -245,7 +245,7 @@ def _in_bed(particle: str) -> int:
 
 
 def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
-    """Tables 4 to 6: how far the bed is from the measured height, over static and rolling friction."""
+    """Tables 4 to 6: deviation of the bed from the measured height, over static and rolling friction."""
     particle, height = _SWEPT[number]
     count = _in_bed(particle)
     for row in hlosta2020.table(number):
@@ -287,7 +287,8 @@ def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> 
 def _flows(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
     """Table 13: flow from the conical hopper against the shear modulus; the paper has no experiment there.
 
-    Its flow is what left within 5 s, over 5 s: ours so counted, and our steady flow, which is another thing.
+    The paper's flow is the mass that left within 5 s over 5 s.  Ours is given so, and as steady flow, which is a
+    different quantity.
     """
     for row in hlosta2020.table(number):
         modulus = float(row["shear_modulus_pa"])
@@ -354,7 +355,7 @@ def _drum_run(particle: str, seed: int) -> Run:
 
 
 def pile_run(particle: str, base: float, seed: int, count: int | None = None) -> Run:
-    """A heap on a base of that diameter [m], poured as those of tables 14 and 15 are; by default with a surplus."""
+    """A pile on a base of that diameter [m], poured as for tables 14 and 15; by default with a surplus."""
     settings = {
         "particle": particle,
         "base_diameter": base,

@@ -1,4 +1,4 @@
-"""Who plays in a twin asked for by name: particle, wall and contact from a lab file or the published reference."""
+"""Look up particle, wall and contact by name, in a lab file or the published reference."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rigtwin.lab.reference import hlosta2020
 
 
 def model_of(lab: Path | None) -> Model:
-    """The model of a lab folder, whose media need not be there yet, or an empty one."""
+    """The model of a lab folder, whose media need not exist yet, or an empty model."""
     return Model() if lab is None else read_cast(lab)
 
 
@@ -49,9 +49,9 @@ def contact(
     static_friction: float | None = None,
     rolling_friction: float | None = None,
 ) -> Contact:
-    """A contact as given by option, else by the model, else by the published reference, parameter by parameter."""
+    """A contact; each parameter is taken from the option, else from the model, else from the published reference."""
     known = KnownContact(restitution, static_friction, rolling_friction).filled(model.known_contact(a, b))
-    with suppress(BadInput):  # not a published pair: what is known so far must do
+    with suppress(BadInput):  # the pair is not published
         known = known.filled(hlosta2020.contact(a, b))
     if gaps := known.missing(needs):
         raise BadInput(

@@ -1,3 +1,5 @@
+"""Twin of the drop test: a bead or a clump on a plate."""
+
 from __future__ import annotations
 
 import math
@@ -30,8 +32,39 @@ def drop_twin(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Twin:
-    """A bead dropped on a plate, its record taken at `frame_rate` [1/s] for `duration` [s] or as long as
-    `rig.bounces` take; a clump that is not turned by the rig is turned at random, by `seed`."""
+    """Simulate a bead or a clump dropped on a plate and evaluate its track.
+
+    Parameters
+    ----------
+    rig : Drop
+        Drop height [m] and number of bounces.
+    particle : Particle
+        Bead or clump.
+    wall : Material
+        Material of the plate.
+    contact : Contact
+        Contact of particle and plate.
+    frame_rate : float
+        Frame rate of the record [1/s].
+    duration : float, optional
+        Length of the record [s]; by default as long as the bounces of the rig take.
+    seed : int
+        Seed of the random orientation of a clump, if the rig does not state one.
+    effects : Effects
+        Additional effects with their coefficients.
+    progress : Progress
+        Called with step, number and count.
+
+    Returns
+    -------
+    Twin
+        Restitution, heights and tracks.
+
+    Raises
+    ------
+    BadInput
+        If the settings are not possible, or the record cannot be evaluated.
+    """
     from rigtwin.measure.drop import evaluate as ruler
     from rigtwin.sim import drop
     from rigtwin.sim.engine.effect_terms import acting_on_few
@@ -110,10 +143,10 @@ def _tumbling_twin(
         assumptions=(
             IDEAL,
             "The plate is flat, level and does not move.",
-            f"The clump falls turned {turned}; where it goes from the plate, and how fast, hangs on that: one fall is "
-            f"one of many. Its contact has a restitution of {contact.restitution:g}.",
-            "Each of its spheres that touch the plate damps by itself: a face that lands flat rebounds less than the "
-            "restitution says.",
+            f"The clump falls turned {turned}; direction and speed of its rebound depend on that, so one fall is a "
+            f"single sample. Its contact has a restitution of {contact.restitution:g}.",
+            "Each sphere of the clump in contact with the plate is damped separately: a face that lands flat rebounds "
+            "less than the restitution.",
         ),
         warnings=acting_among(effects, particle)[1],
         draw=lambda: drop_clump.picture(fall, particle, walls=ground(fall.front, particle.diameter)),

@@ -1,3 +1,5 @@
+"""Twin of the rotating drum."""
+
 from __future__ import annotations
 
 import math
@@ -30,7 +32,37 @@ def drum_twin(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A bed in a drum that turns `turns` times, its surface seen along the axis; `fill_limit` [s] as in its `run`."""
+    """Simulate a bed in a rotating drum and evaluate its surface, seen along the axis.
+
+    Parameters
+    ----------
+    rig : Drum
+        Diameter [m], speed [rad/s], depth [m] and fill.
+    cast : Cast
+        Particle, wall and contacts.
+    seed : int
+        Seed of the random numbers.
+    count : int, optional
+        Number of particles; by default the fill of the rig.
+    turns : float
+        Revolutions of the drum.
+    fill_limit : float, optional
+        Longest time of filling [s], as in `rigtwin.sim.drum.run`.
+    progress : Progress
+        Called with step, number and count.
+    **numerics
+        Numerical settings of the run.
+
+    Returns
+    -------
+    Twin
+        Dynamic angles of repose [deg], mixing index and surface profiles.
+
+    Raises
+    ------
+    BadInput
+        If the settings are not possible, or give no surface that can be evaluated.
+    """
     from rigtwin.sim import drum
 
     begun = time.perf_counter()
@@ -41,7 +73,7 @@ def drum_twin(
     checks = drum.checks(rig, cast.particle, rotation)
     try:
         evaluation = ruler.evaluate(
-            rotation.profiles[1:],  # without the bed at rest
+            rotation.profiles[1:],  # the first profile is the bed at rest
             rotation.time[1:],
             drum_diameter=rig.diameter,
             speed=abs(rig.speed),

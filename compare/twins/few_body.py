@@ -1,4 +1,4 @@
-"""Twins of the rigs of one or two bodies: drop, pendulum, tilt."""
+"""Shared parts of the twins with one or two bodies: pictures, and error messages with advice on settings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def flashes(
     tracks: Sequence[Track], particle: Particle, walls: Array | None, *, turned: float = 0.0
 ) -> npt.NDArray[np.uint8]:
-    """Flashes of the particle, a clump out of its own axes by `turned` [rad], anticlockwise."""
+    """Stroboscopic RGB picture of the particle; a clump is rotated anticlockwise by `turned` [rad]."""
     from rigtwin.sim.output.picture import strobe
 
     if particle.shape is None:
@@ -43,7 +43,7 @@ def flashes(
 
 
 def ground(track: Track, diameter: float) -> Array:
-    """The plate under a fall, as its picture shows it."""
+    """Outline of the plate under a fall, for the picture."""
     from rigtwin.sim.output.picture import slab
 
     across = track.position[:, 0]
@@ -51,13 +51,13 @@ def ground(track: Track, diameter: float) -> Array:
 
 
 def settings_to_try(faster: str, duration: float | None, greater: str) -> str:
-    """Settings to try; a record that is not cut short by a `duration` is as long as it need be."""
+    """List of settings to try; a longer duration only if one was given, as a record is else long enough."""
     return ", ".join([faster, *(["a longer duration"] if duration is not None else []), greater])
 
 
 @contextmanager
 def as_a_twin(rig: str, remedies: str) -> Iterator[None]:
-    """The ruler's words on a record that it cannot read, with advice on settings where a film's owner gets another."""
+    """Replace the evaluation's advice on filming by advice on settings of the twin, in the error of the block."""
     try:
         yield
     except BadInput as error:

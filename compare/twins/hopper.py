@@ -1,3 +1,5 @@
+"""Twin of the hopper."""
+
 from __future__ import annotations
 
 import time
@@ -32,9 +34,36 @@ def hopper_twin(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A hopper of `count` particles that empties, watched for `duration` [s] or until nothing leaves any more.
+    """Simulate the discharge of a hopper and evaluate the mass left over time.
 
-    Limits [s] as in `rigtwin.sim.hopper.run`.
+    Parameters
+    ----------
+    rig : Hopper
+        Outlet [m], shape and sizes of the hopper.
+    cast : Cast
+        Particle, wall and contacts.
+    count : int
+        Number of particles.
+    seed : int
+        Seed of the random numbers.
+    duration : float, optional
+        Simulated time from the opening [s]; by default until no particle leaves any more.
+    fill_limit, settle_limit : float, optional
+        Longest times of filling and settling [s], as in `rigtwin.sim.hopper.run`.
+    progress : Progress
+        Called with step, number and count.
+    **numerics
+        Numerical settings of the run.
+
+    Returns
+    -------
+    Twin
+        Discharge time [s], mass flow rate [kg/s] and mass left [kg] over time.
+
+    Raises
+    ------
+    BadInput
+        If the settings are not possible, or there is no flow that can be evaluated.
     """
     from rigtwin.sim import hopper
 
@@ -66,7 +95,7 @@ def hopper_twin(
 
 
 def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
-    """Times of a hopper that holds particles still are doubtful, and where these arch over its outlet all that left."""
+    """Mark times as doubtful because particles remain in the hopper, and all other quantities if they arch."""
     why = next(sentence for sentence in warned({"warnings": discharge.warnings}) if sentence.startswith("only "))
 
     def doubtful(one: Quantity) -> bool:
@@ -80,7 +109,7 @@ def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
 
 
 def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: float | None) -> str:
-    """What setting is to blame where no discharge can be read from the run; empty where it is none of those."""
+    """The setting that prevents a discharge that can be evaluated, with advice; empty if it is none of these."""
     from rigtwin.measure.hopper.evaluate import STAYS
     from rigtwin.sim.hopper import STUCK
     from rigtwin.sim.run.filling import arch_in_words
@@ -88,7 +117,7 @@ def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: fl
     end = float(discharge.mass_left.time[-1])
     if discharge.emptied == discharge.asked:
         return (
-            f"a count of {discharge.asked} makes no flow: all is out after {end:.2g} s; "
+            f"a count of {discharge.asked} is too small for a flow: all particles are out after {end:.2g} s; "
             "give more particles or a narrower outlet."
         )
     stay = f"{discharge.remaining} of {discharge.asked} particles"
@@ -98,7 +127,7 @@ def _no_flow(rig: Hopper, particle: Particle, discharge: Discharge, duration: fl
     if duration is not None and end >= duration and end - latest <= STUCK:
         return (
             f"duration: {duration:g} s after the opening {discharge.emptied} of {discharge.asked} particles have left "
-            "and more are on their way; give a longer duration, or none to wait until the flow has stopped."
+            "and the flow continues; give a longer duration, or none to wait until the flow has stopped."
         )
     if discharge.remaining < STAYS * discharge.asked:
         return ""

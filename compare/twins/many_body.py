@@ -1,4 +1,4 @@
-"""Twins of the rigs that hold many particles: pile, packed cylinder, drum, hopper."""
+"""Shared parts of the twins with many particles: pile, packing, drum and hopper."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Cast(NamedTuple):
-    """Who takes part in a rig of many particles."""
+    """Particle, wall and contacts of a rig with many particles."""
 
     particle: Particle
     wall: Material
@@ -51,7 +51,10 @@ def bulk_twin(
     series: tuple[Series, ...] = (),
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None,
 ) -> Twin:
-    """The twin of a `run` that began at `begun` [s] and went as `course` says."""
+    """The twin of a finished `run`.
+
+    `begun` is the start on the performance counter [s], `course` holds particle numbers and other results of the run.
+    """
     if "at_rest" in course:  # a bed or a heap
         why = "; ".join(spoilt({"warnings": run.warnings, **course}))
         evaluation = replace(evaluation, quantities=tuple(doubted(one, why) for one in evaluation.quantities))
@@ -131,10 +134,10 @@ def filling_count(rig: Weighed, particle: Particle, count: int | None) -> int:
     """Return how many particles: as counted, else as weighed, else `count`.  Raises `BadInput` where none is known."""
     weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mass)
     if weighed == 0 and not rig.count:
-        raise BadInput("total_mass: is less than half of a particle's mass; state the mass of all of them.")
+        raise BadInput("total_mass: is less than half the mass of one particle; state the mass of all particles.")
     filled = rig.count or weighed or count
     if not filled:
-        raise BadInput("how many particles there are is not known; add total_mass or count to the experiment.")
+        raise BadInput("the number of particles is not known; add total_mass or count to the experiment.")
     return filled
 
 

@@ -1,8 +1,8 @@
-"""The twin of an experiment: the same rig simulated, then read with the same ruler as the film.
+"""The twin of an experiment: the same rig simulated, and evaluated by the same function as the film.
 
-Each rig's twin runs ``sim.<rig>`` and hands the record to ``measure.<rig>.evaluate``, the very function that reads the
-filmed record.  The twin is an ideal rig in a vacuum with pivots that do not rub: its evaluation is told no density and
-no mass, so that no drag is taken out of a flight that had none.
+Each rig's twin runs ``sim.<rig>`` and passes the record to ``measure.<rig>.evaluate``, which also evaluates the filmed
+record.  The twin is an ideal rig in a vacuum with frictionless pivots: its evaluation gets no density and no mass, so
+that no drag is corrected that the simulation did not have.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ def twin_of(
 ) -> Twin:
     """The matched twin of an experiment under a model.
 
-    The twin starts from what the lab file states, else from the measured mean; the same settings are then marked in
-    `Twin.set_from`.  A run of many particles is kept in the folder `kept_in` while it goes, and goes on from there.
-    Raises `BadInput` when a contact that the rig needs is not known.
+    The twin starts from the stated value, else from the measured mean; `Twin.set_from` records which.  A run of many
+    particles writes checkpoints into the folder `kept_in` and continues from them.  Raises `BadInput` if a contact that
+    the rig needs is not known.
     """
     entry = entry_of(experiment)
     contacts = [model.contact(*names, entry.needs) for names in experiment.contacts]
@@ -86,12 +86,12 @@ def twin_of(
 
 
 def checkpoints(folder: Path, experiment: Experiment) -> list[Path]:
-    """What `folder` holds of an experiment's twins that have not ended, or had when the call was interrupted."""
+    """Checkpoints of an experiment's twins in `folder`."""
     return sorted(folder.glob(f"{_digest(experiment.id)}-*.npz"))
 
 
 def _checkpoint(folder: Path, experiment: Experiment, *decides: object) -> Path:
-    """Another file for every run with another outcome; a damaged one is thrown away, and its run begins anew."""
+    """Checkpoint file of a run, a different one for each combination of settings; a damaged file is deleted."""
     from rigtwin.sim.engine.bulk.checkpoint import kept_time
 
     what = _digest(__version__, experiment.rig, experiment.particle, experiment.wall, decides)

@@ -1,3 +1,5 @@
+"""Twin of the bed packed in a cylinder."""
+
 from __future__ import annotations
 
 import math
@@ -30,9 +32,36 @@ def packing_twin(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A bed of `count` particles poured into a cylinder, its surface seen from the sides.
+    """Simulate a bed of particles poured into a cylinder and evaluate its surface, seen from the sides.
 
-    `pour_rate` [1/s] and limits [s] as in `rigtwin.sim.packing.run`.
+    Parameters
+    ----------
+    rig : Packing
+        Diameter and height of the cylinder [m].
+    cast : Cast
+        Particle, wall and contacts.
+    count : int
+        Number of particles.
+    seed : int
+        Seed of the random numbers.
+    pour_rate : float, optional
+        Particles per second [1/s], as in `rigtwin.sim.packing.run`.
+    fill_limit, settle_limit : float, optional
+        Longest times of filling and settling [s], as in `rigtwin.sim.packing.run`.
+    progress : Progress
+        Called with step, number and count.
+    **numerics
+        Numerical settings of the run.
+
+    Returns
+    -------
+    Twin
+        Bed height [m], bulk density [kg/m^3] and surface profiles.
+
+    Raises
+    ------
+    BadInput
+        If the settings are not possible, or give no bed that can be evaluated.
     """
     from rigtwin.sim import packing
     from rigtwin.sim.run.filling import arch_in_words
@@ -57,8 +86,8 @@ def packing_twin(
         if bed.stuck or bed.placed - bed.missed >= layer:
             raise
         raise BadInput(
-            f"a count of {count} makes no bed: about {layer} cover the floor of a cylinder of "
-            f"{rig.cylinder_diameter * 1e3:.3g} mm once; give several times as many."
+            f"a count of {count} makes no bed: one layer on the floor of a cylinder of "
+            f"{rig.cylinder_diameter * 1e3:.3g} mm has about {layer} particles; give several times as many."
         ) from error
     course = {
         "asked": bed.asked,
@@ -79,13 +108,13 @@ def packing_twin(
 
 
 def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
-    """The rig with a measuring cylinder that holds `count` particles with room to spare."""
+    """The rig with a cylinder high enough for `count` particles, with a margin."""
     loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
     return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
 
 
 def _one_layer(rig: Packing, particle: Particle) -> int:
-    """How many particles cover the cylinder's floor once."""
+    """Number of particles in one layer on the cylinder's floor."""
     return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * particle.diameter / particle.volume)
 
 

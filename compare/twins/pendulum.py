@@ -1,3 +1,5 @@
+"""Twin of the pendulum: two colliding beads, or a bead against a wall."""
+
 from __future__ import annotations
 
 import math
@@ -34,9 +36,36 @@ def pendulum_twin(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Twin:
-    """Bead A swinging against bead B, or against an upright `wall`.
+    """Simulate a bead that swings against another bead or a vertical wall, and evaluate the tracks.
 
-    The record is taken at `frame_rate` [1/s] for `duration` [s] or until the beads have turned.
+    Parameters
+    ----------
+    rig : Pendulum
+        Length [m], release angle [rad], variant and hanger.
+    particle : Particle
+        Bead, or a clump against a wall.
+    contact : Contact
+        Contact of the beads, or of bead and wall.
+    frame_rate : float
+        Frame rate of the record [1/s].
+    wall : Material, optional
+        Material of the wall.
+    duration : float, optional
+        Length of the record [s]; by default until the beads turn back after the collision.
+    effects : Effects
+        Additional effects with their coefficients.
+    progress : Progress
+        Called with step, number and count.
+
+    Returns
+    -------
+    Twin
+        Restitution, angles and tracks.
+
+    Raises
+    ------
+    BadInput
+        If the settings are not possible, or the record cannot be evaluated.
     """
     from rigtwin.measure.pendulum import evaluate as ruler
     from rigtwin.sim import pendulum
@@ -53,7 +82,7 @@ def pendulum_twin(
         effects=effects,
         progress=progress,
     )
-    # the steeper the release, the faster the beads pass each other: that asks for more frames, not for a greater angle
+    # after a steep release the beads move faster, so a greater angle would need more frames and is not advised
     shallow = "a greater release angle or length" if rig.release_angle < math.pi / 4 else "a greater length"
     with as_a_twin("pendulum", settings_to_try("a higher frame rate", duration, shallow)):
         evaluation = ruler.evaluate(
@@ -79,24 +108,25 @@ def pendulum_twin(
 
 
 def _upright(diameter: float) -> Array:
-    """The wall that a pendulum meets."""
+    """Outline of the wall, for the picture."""
     from rigtwin.sim.output.picture import slab
 
     return slab((0.0, -diameter), (diameter / 2, diameter))
 
 
 def _with_rods(evaluation: Evaluation, rig: Pendulum, particle: Particle) -> Evaluation:
-    """The ruler does not know of rods with mass and takes the faster swing for another gravity."""
+    """Correct the check of gravity for rods with mass, which the evaluation does not consider."""
     if not rig.rod_mass:
         return evaluation
     faster = (particle.mass + rig.rod_mass / 2) / (particle.mass + rig.rod_mass / 3)
     checks, warnings = [], list(evaluation.warnings)
     for check in evaluation.checks:
         if check.check == "gravity" and math.isclose(check.value, faster * check.expected, rel_tol=0.02):
-            told = (
-                f"gravity from the swing is {check.value:.3f} m/s², {faster:.4g} times its value as such rods make it"
+            found = (
+                f"gravity from the swing is {check.value:.3f} m/s², {faster:.4g} times its value, as expected for rods "
+                "of this mass"
             )
-            checks.append(replace(check, passed=True, message=f"{told}."))
+            checks.append(replace(check, passed=True, message=f"{found}."))
             warnings = [words for words in warnings if words != check.message]
         else:
             checks.append(check)
@@ -104,7 +134,7 @@ def _with_rods(evaluation: Evaluation, rig: Pendulum, particle: Particle) -> Eva
 
 
 def _hung(rig: Pendulum, particle: Particle) -> tuple[str, ...]:
-    """What is taken of hanger and hinge, and of a clump."""
+    """Assumptions on hanger, hinge and clump."""
     if rig.hanger == "string":
         hangs = "Strings have no mass and do not stretch"
     else:
@@ -112,21 +142,21 @@ def _hung(rig: Pendulum, particle: Particle) -> tuple[str, ...]:
         if rig.rod_mass:
             ratio = (particle.mass + rig.rod_mass / 3) / (particle.mass + rig.rod_mass / 2)
             hangs = (
-                f"Rods are uniform, weigh {1e3 * rig.rod_mass:.3g} g each and do not bend (they swing as threads of "
-                f"{1e3 * ratio * rig.length:.4g} mm without mass do)"
+                f"Rods are uniform, have a mass of {1e3 * rig.rod_mass:.3g} g each and do not bend (they swing like "
+                f"massless threads of {1e3 * ratio * rig.length:.4g} mm)"
             )
     meets = "the beads meet" if rig.variant == "double" else "the bead meets the wall"
     flat = (f"{particle.name} meets the wall flat and does not turn.",) if particle.shape is not None else ()
-    return (f"{hangs}, hinges do not rub, {meets} at the lowest point.", *flat)
+    return (f"{hangs}, hinges have no friction, {meets} at the lowest point.", *flat)
 
 
 def _slack(rig: Pendulum) -> tuple[str, ...]:
-    """What to say of a bead on a string that is let go from above its hinge."""
+    """A warning if a bead on a string is released from above its hinge."""
     if rig.hanger == "rod" or rig.release_angle <= math.pi / 2 * (1 + 1e-9):  # 90 deg in radians may be rounded up
         return ()
     return (
-        f"a bead let go at {math.degrees(rig.release_angle):.4g} deg falls on a slack string; the twin holds for a rod "
-        "without mass, so film one, or release at 90 deg or less",
+        f"a bead released at {math.degrees(rig.release_angle):.4g} deg falls on a slack string; the twin assumes a "
+        "massless rod, so film one, or release at 90 deg or less",
     )
 
 

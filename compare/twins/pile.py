@@ -1,3 +1,5 @@
+"""Twin of the pile on a round base."""
+
 from __future__ import annotations
 
 import time
@@ -30,9 +32,38 @@ def pile_twin(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
-    """A heap of `count` particles on a round base, its profile seen from the sides.
+    """Simulate a pile of particles on a round base and evaluate its profiles, seen from the sides.
 
-    `pour_rate` [1/s], `fall_height` [m] and limits [s] as in `rigtwin.sim.pile.pile.run`.
+    Parameters
+    ----------
+    rig : Pile
+        Base diameter [m], rim [m] and way of forming the pile.
+    cast : Cast
+        Particle, wall and contacts.
+    count : int
+        Number of particles.
+    seed : int
+        Seed of the random numbers.
+    pour_rate : float, optional
+        Particles per second [1/s], as in `rigtwin.sim.pile.pile.run`.
+    fall_height : float, optional
+        Height of fall [m], as in `rigtwin.sim.pile.pile.run`.
+    fill_limit, settle_limit : float, optional
+        Longest times of filling and settling [s], as in `rigtwin.sim.pile.pile.run`.
+    progress : Progress
+        Called with step, number and count.
+    **numerics
+        Numerical settings of the run.
+
+    Returns
+    -------
+    Twin
+        Angles of repose [deg] and profiles.
+
+    Raises
+    ------
+    BadInput
+        If the settings are not possible, or the profiles cannot be evaluated.
     """
     from rigtwin.sim.pile import pile
 
@@ -93,9 +124,9 @@ class PileEntry(ManyBodyEntry[PileSettings]):
         for view in views:
             if view.suffix.lower() != ".csv":
                 raise BadInput(
-                    f"{view}: a photo from outside does not show the crater of an emptied container; give its surface "
-                    "in a section through the axis as x_m,height_m, both halves set back to back: x from the wall (0) "
-                    "to the hole's edges."
+                    f"{view}: a photo from outside does not show the crater of an emptied container; give a CSV file of "
+                    "its surface in a section through the axis as x_m,height_m, with both halves set back to back: x "
+                    "from the wall (0) to the edges of the hole."
                 )
 
     def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:

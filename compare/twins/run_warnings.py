@@ -1,4 +1,7 @@
-"""What runs say against themselves, each kind once and as the worst of them says it."""
+"""Summarise the warnings of runs: each kind once, in its worst form.
+
+The patterns below match the wording of warnings in `rigtwin.sim`.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,16 @@ from typing import Any
 
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _SHARE = re.compile(r"^only (\d+) of (\d+)")
-# what a run's numbers hang on; how far beads are pressed into each other is that of the paper's own stiffness
+# warnings that make the numbers of a run doubtful; not the overlap of beads, which follows from the paper's stiffness
 _SPOILS = re.compile(r"still moving|^only \d|arch over|did not stay|reaches above|does not close")
-# these leave a hopper's flow as it is; and one that is watched for a stated time need not be empty after it
+# exceptions: these do not affect the flow of a hopper, which need not be empty after a stated time
 _OF_HEAP, _OF_REST, _JAM = "the heap was still moving", "had left the hopper", "arch over"
 _OPTION = re.compile(r"--[a-z][a-z-]*")
-_OF_LABS = {"--stiffness-factor"}  # which `compare` has too; settings of numerics stand in no lab.toml
+_OF_LABS = {"--stiffness-factor"}  # options of `simulate` that `compare` has, too
 
 
 def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
-    """What several runs said, each kind in its worst words, and in how many of them.
+    """Warnings of several runs: each kind in its worst form, with the number of runs.
 
     >>> once([["only 9 of 10 had left"], ["only 29 of 30 had left", "pressed by 5 %"], []])
     {'only 9 of 10 had left': 2, 'pressed by 5 %': 1}
@@ -33,12 +36,12 @@ def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
 
 
 def warned(result: Mapping[str, Any]) -> list[str]:
-    """The warnings of a run, without the advice behind them, which is of `simulate`'s options."""
+    """The warnings of a run without their advice, which names options of `simulate`."""
     return [warning.partition(";")[0] for warning in result.get("warnings") or ()]
 
 
 def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
-    """A twin's warnings, without the advice where it names an option that twins of a lab do not take.
+    """The warnings of a twin, without advice that names an option which twins of a lab do not have.
 
     >>> fit_for_a_lab(["it moves; raise --fill-limit", "it is soft; give a larger --stiffness-factor"])
     ('it moves', 'it is soft; give a larger --stiffness-factor')
@@ -48,7 +51,7 @@ def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
 
 
 def spoilt(result: Mapping[str, Any]) -> Sequence[str]:
-    """Why a run's numbers are doubtful: it was still moving, lost particles, jammed or did not empty.
+    """Reasons why the numbers of a run are doubtful: still moving, lost particles, jammed or not empty.
 
     >>> rest = "only 5 of 60 beads had left the hopper when the run ended"
     >>> spoilt({"warnings": [rest], "emptied": 5})
@@ -67,12 +70,12 @@ def spoilt(result: Mapping[str, Any]) -> Sequence[str]:
 
 
 def _only_rest(sentence: str) -> bool:
-    """Whether it tells only that some have not left yet, and not that they arch over the outlet."""
+    """Whether a warning only says that some particles have not left yet, not that they arch over the outlet."""
     return _OF_REST in sentence and _JAM not in sentence
 
 
 def _badness(sentence: str) -> float:
-    """Of two sentences of a kind the worse has the larger first number, or less of a whole."""
+    """Measure of severity: the first number of a warning, or for "only a of b" the missing share."""
     if share := _SHARE.match(sentence):
         return 1 - int(share[1]) / max(int(share[2]), 1)
     found = _NUMBER.search(sentence)

@@ -1,3 +1,5 @@
+"""Twin of the tilting plate."""
+
 from __future__ import annotations
 
 import math
@@ -34,7 +36,37 @@ def tilt_twin(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Twin:
-    """A plate that rises until the body on it slides or rolls, the record taken at `frame_rate` [1/s]."""
+    """Simulate a plate that tilts until the body on it slides or rolls, and evaluate the record.
+
+    Parameters
+    ----------
+    rig : Tilt
+        Variant, plate length [m], speed [rad/s] and start angle [rad].
+    particle : Particle
+        Body on the plate.
+    wall : Material
+        Material of the plate.
+    contact : Contact
+        Contact of body and plate.
+    frame_rate : float
+        Frame rate of the record [1/s].
+    duration : float, optional
+        Length of the record [s]; by default until the body has left the plate.
+    effects : Effects
+        Additional effects with their coefficients.
+    progress : Progress
+        Called with step, number and count.
+
+    Returns
+    -------
+    Twin
+        Friction coefficients, angle of the plate and track.
+
+    Raises
+    ------
+    BadInput
+        If the settings are not possible, or the record cannot be evaluated.
+    """
     from rigtwin.measure.tilt import evaluate as ruler
     from rigtwin.sim import tilt
 
@@ -64,12 +96,12 @@ def tilt_twin(
 
 
 def _tilted(rig: Tilt, angle: Series, track: Track, particle: Particle) -> npt.NDArray[np.uint8]:
-    """The body on its way down, and the plate as it stands at the end: in that time it hardly turns."""
+    """Picture of the body on its way down, with the plate at its last angle, as it hardly turns in that time."""
     from rigtwin.sim.output.picture import slab
 
     end, size = float(angle.value[-1]), particle.diameter
     along = (track.position * np.stack([np.cos(angle.value), np.sin(angle.value)], axis=1)).sum(axis=1)
-    left = int(np.argmax(np.abs(along - along[0]) > 0.01 * size))  # 0 where it never does
+    left = int(np.argmax(np.abs(along - along[0]) > 0.01 * size))  # 0 if it never moves
     left = min(left, len(along) - 2)
     seen = replace(track, time=track.time[left:], position=track.position[left:], sigma=track.sigma[left:])
     return flashes((seen,), particle, slab((0.0, -size / 2), (rig.plate_length, 0.0), turned=end), turned=end)

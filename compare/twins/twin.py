@@ -1,3 +1,5 @@
+"""The result of a twin, and its files."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -22,26 +24,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Twin(Readable):
-    """What the simulated counterpart of an experiment gave."""
+    """Result of the simulated counterpart of an experiment."""
 
     rig: str
     evaluation: Evaluation
     settings: dict[str, Any]
-    """Rig, particle, contacts and numerics as simulated, in SI."""
+    """Rig, particle, contacts and numerics as simulated, in SI units."""
     tracks: tuple[Track, ...] = ()
     profiles: tuple[Profile, ...] = ()
     series: tuple[Series, ...] = ()
     surfaces: tuple[Profile, ...] = ()
-    """A surface that moves, at the times of `series`."""
+    """Profiles of a moving surface, at the times of `series`."""
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     set_from: dict[str, str] = field(default_factory=dict)
-    """Quantities that were handed to the twin: name -> ``"measured"`` or ``"stated"``."""
-    seconds: float = 0.0  # [s], time the run took
+    """Quantities that are input of the twin: name -> ``"measured"`` or ``"stated"``."""
+    seconds: float = 0.0  # [s], wall-clock time of the run
     cost: str = ""
-    """What the run cost, in words, where the rig's result has that."""
+    """Computing time of the run in words, if the rig reports it."""
     draw: Callable[[], npt.NDArray[np.uint8]] | None = None
-    """A picture of the run, RGB."""
+    """Function that returns an RGB picture of the run, shape (height, width, 3)."""
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:  # type: ignore[override]
@@ -61,7 +63,7 @@ class Twin(Readable):
 
 
 def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
-    """Write the twin's record and quantities into `out`; returns what was written by kind."""
+    """Write records, quantities and picture of a twin into `out`; returns the written files by kind."""
     out.mkdir(parents=True, exist_ok=True)
     files: dict[str, Path] = {}
     if twin.tracks:
@@ -95,14 +97,14 @@ def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
 
 
 def stated(**settings: Any) -> dict[str, Any]:
-    """Those settings that are stated; of the others whoever gets them has its own."""
+    """The settings that are not None; for the others the called function uses its defaults."""
     return {name: value for name, value in settings.items() if value is not None}
 
 
 def settings_of(
     rig: Rig, particle: Particle, contacts: dict[str, Contact], *, threads: int | None = None, **more: Any
 ) -> dict[str, Any]:
-    """What a twin that has run was run with, in SI, and where; `threads` of the CPU (None: all)."""
+    """Settings of a twin that has run, in SI units, with device and CPU threads (`threads` None: all)."""
     from rigtwin.sim.engine import backend
 
     engine = backend.running()

@@ -1,4 +1,4 @@
-"""A whole lab compared: the files it leaves, the page a person opens, and what stays when a run fails."""
+"""Comparison of a whole lab: written files, the report, and what is kept when a run fails."""
 
 import csv
 import hashlib
@@ -114,7 +114,7 @@ def row_of(rows, **wanted):
     return next(row for row in rows if all(row[name] == value for name, value in wanted.items()))
 
 
-def test_all_files_are_there_and_nothing_half_written(out):
+def test_all_files_exist_and_no_partial_file_remains(out):
     assert {path.name for path in out.iterdir() if path.is_file()} == set(FILES)
 
 
@@ -140,7 +140,7 @@ def test_every_repetition_and_the_twin_are_in_the_observations(out):
     assert [float(row["value"]) for row in rows] == pytest.approx([40, 42, 41], abs=0.3)
 
 
-def test_json_and_csv_say_the_same(out):
+def test_json_and_csv_have_the_same_values(out):
     table = rows_of(out / "deviations.csv")
     document = json.loads((out / "deviations.json").read_text())
     assert len(table) == len(document["deviations"])
@@ -161,7 +161,7 @@ def test_a_repetition_that_shows_nothing_is_left_out_with_a_warning(compared, pa
     assert "nothing.csv was left out" in page
 
 
-def test_a_warning_about_one_view_of_several_is_not_laid_to_the_first_photo(compared):
+def test_a_warning_about_one_of_several_views_does_not_name_the_first_photo(compared):
     def view(name: str) -> Quantity:
         return Quantity("angle_of_repose_graphical", 28.0, 1.0, "deg", "line", 1, {"view": name}, {}, "")
 
@@ -169,12 +169,12 @@ def test_a_warning_about_one_view_of_several_is_not_laid_to_the_first_photo(comp
     pile = Measurement(
         "pile", Path("front.jpg"), "", (view("front"), view("side")), (), ("side: too dark.", "scale: not known.")
     )
-    told = replace(outcome, measurements=(pile,), failures=()).warnings
-    assert "side: too dark." in told
-    assert "front.jpg and its other views: scale: not known." in told
+    warnings = replace(outcome, measurements=(pile,), failures=()).warnings
+    assert "side: too dark." in warnings
+    assert "front.jpg and its other views: scale: not known." in warnings
 
 
-def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compared):
+def test_a_warning_names_a_doubtful_repetition_that_is_excluded_from_the_mean(compared):
     def drop(name: str, doubtful: str = "") -> Measurement:
         found = [
             Quantity("restitution_wall", 0.42, 0.01, "1", method, doubtful=doubtful) for method in ("height", "time")
@@ -182,20 +182,20 @@ def test_a_doubtful_repetition_beside_sound_ones_is_said_to_be_in_no_mean(compar
         return Measurement("drop", Path(name), "", tuple(found))
 
     (outcome,) = compared.outcomes
-    said = "r2.mp4 is doubtful and not in the mean of Restitution on the wall: the plate moved"
+    said = "r2.mp4 is doubtful and excluded from the mean of Restitution on the wall: the plate moved"
 
-    def told(*measurements):
+    def warnings_of(*measurements):
         return replace(outcome, measurements=measurements).warnings
 
-    assert said in told(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
-    assert said not in told(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
+    assert said in warnings_of(drop("r1.mp4"), drop("r2.mp4", "the plate moved"))
+    assert said not in warnings_of(drop("r2.mp4", "the plate moved")), "alone it is in the mean"
 
 
 @pytest.mark.parametrize(
-    ("stated", "by_hand", "told"),
+    ("stated", "by_hand", "warned"),
     [(2.0, 0.0, False), (2.08, 0.0, False), (0.1, 0.0, True), (2.2, 0.0, True), (2.2, 0.2, False), (3.0, 0.2, True)],
 )
-def test_a_plate_that_rises_at_another_speed_than_stated_is_told(compared, stated, by_hand, told):
+def test_a_plate_that_rises_at_another_speed_than_stated_gives_a_warning(compared, stated, by_hand, warned):
     """At 2 deg/s after a second of rest; by hand it goes 20 % faster and slower in turn."""
     time = np.arange(600) / 100
     speed = np.where(time < 1, 0, 2 * (1 + by_hand * np.sign(np.sin(1.5 * time))))
@@ -204,7 +204,7 @@ def test_a_plate_that_rises_at_another_speed_than_stated_is_told(compared, state
     (outcome,) = compared.outcomes
     tilt = replace(outcome.experiment, rig=TiltSettings("slide", speed=np.radians(stated)))
     warnings = replace(outcome, experiment=tilt, measurements=(film,), failures=()).warnings
-    assert any(f"states a speed of {stated:.3g} deg/s" in warning for warning in warnings) == told
+    assert any(f"states a speed of {stated:.3g} deg/s" in warning for warning in warnings) == warned
 
 
 def test_provenance_names_every_input_by_its_content(lab, out):
@@ -303,18 +303,18 @@ def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, 
     assert {name: (out / name).read_bytes() for name in FILES} == before
 
 
-def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(lab, compared, tmp_path):
+def test_a_remark_names_an_experiment_that_was_renamed_in_the_lab_file(lab, compared, tmp_path):
     mine = Path(shutil.copytree(lab, tmp_path / "lab"))
     results = Path(shutil.copytree(compared.files["report.html"].parent, tmp_path / "out"))
-    told = results / "deviations.json"  # as if this folder had been compared into it
-    told.write_text(told.read_text().replace(str(lab), str(mine)))
+    document = results / "deviations.json"  # as if this folder had been compared into it
+    document.write_text(document.read_text().replace(str(lab), str(mine)))
     (mine / "lab.toml").write_text(LAB.replace("pair/1", "pair-1"))
     (said,) = compare(mine, results, workers=1).remarks
     assert said.startswith("pair/1: no longer in lab.toml")
     assert compare(mine, results, workers=1, model=contact_of(tmp_path, "bead-bead")).remarks == ()
 
 
-def test_a_model_made_of_other_contacts_is_said_to_act_all_the_same(lab, tmp_path):
+def test_a_remark_says_that_effects_of_a_model_of_other_contacts_still_act(lab, tmp_path):
     other = contact_of(tmp_path, "D6_ABS-glass")
     (said,) = compare(lab, tmp_path / "out", workers=1, model=other).remarks
     assert "pair/1: model.toml has contacts of D6_ABS-glass and none of bead-bead; its effects (air_drag)" in said
@@ -370,7 +370,9 @@ repetitions = ["clip.avi"]
         ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
     ],
 )
-def test_what_cannot_work_is_said_with_its_line_before_anything_is_measured(keys, words, tmp_path, monkeypatch):
+def test_impossible_settings_are_refused_with_their_line_before_anything_is_measured(
+    keys, words, tmp_path, monkeypatch
+):
     clip = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (80, 60))
     for _ in range(20):
         clip.write(np.full((60, 80, 3), 90, np.uint8))
@@ -410,7 +412,7 @@ def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab
         assert worker.exitcode == -signal.SIGTERM  # ended, where one that is waited for ends by itself, with 0
 
 
-def test_an_interrupted_comparison_goes_on_with_its_twins_where_they_were(tmp_path):
+def test_an_interrupted_comparison_continues_with_its_kept_twins(tmp_path):
     (tmp_path / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
     bare = BARE.replace("clip.avi", "bed.csv").replace("steel", "PMMA")
     (tmp_path / "lab.toml").write_text(bare + "rig='packing'\ncylinder_diameter='30 mm'\ncount=80")

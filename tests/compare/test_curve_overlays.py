@@ -1,4 +1,4 @@
-"""Shapes laid over one another: the distance is that of the curves, whatever their origin, sampling or side."""
+"""Overlays: the distance is that of the curves, independent of origin, sampling and side."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -74,7 +74,7 @@ def test_a_discharge_that_takes_a_quarter_longer_lies_apart_by_the_integral_of_t
     assert shape.unit == "%"
 
 
-def test_a_drum_filmed_from_its_other_end_lies_on_its_twin():
+def test_a_drum_filmed_from_its_other_end_agrees_with_its_twin():
     x = np.linspace(-0.06, 0.06, 200)
     falling = -0.02 - 0.6 * x
     wobble = [profile(x, -falling * 0 + falling[::-1] + 0.001 * np.sin(k)) for k in range(200)]
@@ -82,7 +82,7 @@ def test_a_drum_filmed_from_its_other_end_lies_on_its_twin():
     assert shape.distance < 0.2
 
 
-def test_a_bounce_is_laid_on_its_first_contact_whatever_the_zeros_of_the_record():
+def test_bounces_are_aligned_at_the_first_contact_for_any_origin_of_the_record():
     def bounce(start, floor, rate):
         time = np.arange(0, 0.55, 1 / rate)
         fall = 0.35
@@ -112,7 +112,7 @@ def test_each_bead_of_a_pendulum_has_its_own_curve():
     assert all(shape.distance == pytest.approx(0) and shape.unit == "deg" for shape in shapes)
 
 
-def test_a_body_that_lets_go_two_degrees_later_is_seen_apart_on_the_plate():
+def test_a_body_that_slides_two_degrees_later_has_a_distance_on_the_plate():
     def slid(onset):
         angle = np.radians(np.linspace(0, 25, 500))
         way = 0.5 * np.maximum(np.degrees(angle) - onset, 0.0) ** 2 * 1e-3
@@ -130,7 +130,7 @@ def test_a_body_that_lets_go_two_degrees_later_is_seen_apart_on_the_plate():
     assert only(TiltSettings("slide"), [measured(**slid(18))], [twin(**slid(18))]).distance == pytest.approx(0)
 
 
-def test_what_was_not_seen_is_not_made_up():
+def test_gaps_of_a_curve_are_not_filled():
     x = np.linspace(0, 10, 101)
     gap = np.where((x > 4) & (x < 6), np.nan, 0.0)
     step = np.where((x > 4) & (x < 6), 100.0, 1.0)
@@ -155,7 +155,7 @@ def test_records_that_overlap_only_where_one_was_not_seen_have_no_shape():
     assert overlays(PileSettings(0.09), BEAD, [mine], [theirs]) == ()
 
 
-def test_the_drawing_names_both_sides():
+def test_the_figure_names_both_sides():
     x = np.linspace(0, 10, 101)
     shape = Overlay("height", "x", "y", "mm", (Curve(x, x), Curve(x, x + 1)), (Curve(x, x + 3),), to_scale=True)
     drawing = overlay_figure(shape)

@@ -1,4 +1,4 @@
-"""Deviations: the numbers behind `measured`, `percent_deviation` and `z` hold up against chance itself."""
+"""Deviations: `measured`, `percent_deviation` and `z` agree with simulated random samples."""
 
 import csv
 import io
@@ -58,13 +58,13 @@ def test_repeating_does_not_make_a_shared_scale_error_smaller(n, scale):
     assert combine([repetition] * n).std_uncertainty >= scale
 
 
-def test_repetitions_that_agree_by_luck_are_not_free_of_uncertainty():
+def test_repetitions_that_agree_by_chance_keep_an_uncertainty():
     repetition = quantity(0.5, 0.01, budget={"tracking": 0.01})
     assert combine([repetition] * 4).std_uncertainty == pytest.approx(0.005)
 
 
 @pytest.mark.parametrize("part", ["flow over time", "scatter of avalanches", "scatter of the flow"])
-def test_what_a_flow_does_over_time_averages_out_over_its_runs(part):
+def test_the_scatter_of_a_flow_over_time_averages_out_over_runs(part):
     one = quantity(31.0, 0.5, "angle_of_repose_graphical", "deg", budget={part: 0.5})
     assert combine([one] * 4).std_uncertainty == pytest.approx(0.25)
 
@@ -75,7 +75,7 @@ def test_one_repetition_keeps_its_own_uncertainty():
     assert mean.std_uncertainty == pytest.approx(0.05)
 
 
-def test_an_estimator_that_widens_its_uncertainty_beyond_its_budget_is_believed():
+def test_an_uncertainty_wider_than_its_budget_is_kept():
     wide = quantity(0.5, 0.2, budget={"tracking": 0.01}, doubtful="blurred")
     assert combine([wide, wide]).std_uncertainty >= 0.199
 
@@ -100,13 +100,13 @@ def test_z_changes_sign_when_measured_and_simulated_change_places(a, b, u_a, u_b
 
 
 @pytest.mark.parametrize("value", [0.0, 1e-300, -0.02])
-def test_a_measured_value_that_is_not_told_from_zero_gives_no_percentage_but_a_z(value):
+def test_a_measured_value_compatible_with_zero_gives_no_percentage_but_a_z(value):
     row = compared([quantity(value, 0.03)], [quantity(0.09, 0.04)])[0]
     assert (row.percent_deviation, row.percent_deviation_std) == (None, None)
     assert row.z == pytest.approx((0.09 - value) / 0.05)
 
 
-def test_an_unknown_uncertainty_leaves_the_percentage_and_takes_z_away():
+def test_with_an_unknown_uncertainty_there_is_a_percentage_but_no_z():
     row = compared([quantity(0.5, math.inf)], [quantity(0.6, 0.01)])[0]
     assert row.z is None
     assert row.verdict == "uncertainty unknown"
@@ -119,7 +119,7 @@ def test_a_doubtful_repetition_is_left_out_and_named_where_sound_ones_remain():
     assert "1 doubtful repetition left out" in row.note
 
 
-def test_doubt_is_carried_into_the_row_when_every_repetition_is_doubtful():
+def test_the_row_is_doubtful_when_every_repetition_is_doubtful():
     row = compared([quantity(0.5, doubtful="blurred"), quantity(0.6, doubtful="rolled")], [quantity(0.51)])[0]
     assert (row.measured_n, row.doubtful, row.verdict) == (2, "blurred; rolled", "doubtful")
 
@@ -179,13 +179,13 @@ def test_the_mean_over_views_leaves_doubtful_views_out_and_keeps_what_they_share
     assert one.std_uncertainty == pytest.approx(math.hypot(1.0, 0.4))
 
 
-def test_a_setting_handed_to_the_twin_is_not_counted_as_agreement():
+def test_an_input_of_the_twin_does_not_count_as_agreement():
     height = quantity(0.3, 0.001, "drop_height", "m", "fit")
     row = compared([height], [height], set_from={"drop_height": "measured"})[0]
     assert (row.verdict, row.note) == ("set equal", "the twin starts from the measured value")
 
 
-def test_the_verdict_says_which_side_is_high_only_when_the_difference_is_told_from_chance():
+def test_the_verdict_says_which_side_is_high_only_when_the_difference_is_significant():
     def verdict(simulated):
         return compared([quantity(0.5, 0.006)] * 2, [quantity(simulated, 0.008)])[0].verdict
 
@@ -208,7 +208,7 @@ def test_a_right_twin_is_called_wrong_in_one_of_twenty_labs_however_few_their_re
     assert np.mean([abs(row.z) > row.coverage_factor for row in rows]) == pytest.approx(0.05, abs=0.017)
 
 
-def test_two_repetitions_that_scatter_cannot_convict_a_twin_that_two_known_by_their_scale_can():
+def test_two_scattered_repetitions_reject_no_twin_but_two_with_a_known_uncertainty_do():
     loose = [quantity(0.50, 1e-4, budget={"tracking": 1e-4}), quantity(0.51, 1e-4, budget={"tracking": 1e-4})]
     sure = [quantity(0.505, 0.005, budget={"scale": 0.005})] * 2
     twin = [quantity(0.53, 1e-6)]
@@ -217,17 +217,17 @@ def test_two_repetitions_that_scatter_cannot_convict_a_twin_that_two_known_by_th
     assert (few.verdict, both.verdict) == ("too few repetitions to tell", "twin too high")
 
 
-def test_one_repetition_convicts_no_twin_however_well_it_is_measured():
+def test_one_repetition_rejects_no_twin_however_precise_it_is():
     (row,) = compared([quantity(0.40, 1e-4)], [quantity(0.50, 1e-4)])
     assert row.z > 50
     assert row.verdict == "too few repetitions to tell"
     assert row.coverage_factor == math.inf
-    assert "how much repetitions differ is not in the uncertainty" in row.note
+    assert "the scatter of repetitions is not in the uncertainty" in row.note
     (left,) = compared([quantity(0.40, 1e-4), quantity(0.41, 1e-4, doubtful="blurred")], [quantity(0.50, 1e-4)])
     assert left.verdict == "too few repetitions to tell"
 
 
-def test_one_repetition_tells_that_a_rig_is_not_set_as_stated():
+def test_one_repetition_shows_that_a_rig_is_not_set_as_stated():
     height = [quantity(value, 0.001, "drop_height", "m", "fit") for value in (0.30, 0.32)]
     row = compared(height[:1], height[1:], set_from={"drop_height": "stated"})[0]
     assert row.verdict == "differs from the setting"
@@ -256,7 +256,7 @@ def test_the_first_bounce_and_both_sides_come_before_later_bounces_single_sides_
     assert primary_first(later) == (later, []), "an experiment with nothing else shows what it has"
 
 
-def test_a_single_heap_on_either_side_is_said_to_hide_how_much_heaps_differ():
+def test_a_note_says_that_a_single_pile_does_not_show_the_scatter():
     slope = quantity(30.0, 0.5, "angle_of_repose_graphical", "deg", "line")
     (row,) = deviations("pile-1", "pile", [slope, slope], [slope])
     assert row.note.startswith("one heap simulated:")
@@ -267,7 +267,7 @@ def test_a_single_heap_on_either_side_is_said_to_hide_how_much_heaps_differ():
 
 
 @pytest.mark.parametrize("simulated", [33.0, 80.0])
-def test_one_heap_convicts_no_twin_where_more_that_agree_do(simulated):
+def test_one_pile_rejects_no_twin_but_several_that_agree_do(simulated):
     def verdict(measured, runs):
         slope = [quantity(value, 0.5, "angle_of_repose_graphical", "deg", "line") for value in (30.0, simulated)]
         (row,) = deviations("pile-1", "pile", [slope[0]] * measured, [slope[1]] * runs)
@@ -282,7 +282,7 @@ def test_one_heap_convicts_no_twin_where_more_that_agree_do(simulated):
     # a bed and a discharge come out otherwise with every seed; a drum's uncertainty has its scatter over time
     [("packing", "too few repetitions to tell"), ("hopper", "too few repetitions to tell"), ("drum", "twin too high")],
 )
-def test_one_run_convicts_itself_of_nothing_where_runs_differ_by_their_seed(rig, verdict):
+def test_one_run_is_not_rejected_where_runs_differ_by_their_seed(rig, verdict):
     measured, simulated = [quantity(1.0, 0.001)] * 6, [quantity(1.5, 0.001)]
     (row,) = deviations(f"{rig}-1", rig, measured, simulated)
     assert row.verdict == verdict
@@ -290,7 +290,7 @@ def test_one_run_convicts_itself_of_nothing_where_runs_differ_by_their_seed(rig,
     assert row.verdict == "twin too high"
 
 
-def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told():
+def test_the_csv_has_the_agreed_columns_and_empty_cells_for_unknown_values():
     text = deviations_csv(compared([quantity(0.0, 0.1)], [quantity(0.5, math.nan)]))
     row = next(csv.DictReader(io.StringIO(text)))
     agreed = (
@@ -302,7 +302,7 @@ def test_the_csv_has_the_agreed_columns_and_empty_cells_for_what_cannot_be_told(
     assert (row["measured"], row["simulated"], row["measured_n"]) == ("0", "0.5", "1")
 
 
-def test_what_a_film_finds_one_way_and_a_twin_another_is_compared_where_each_knows_one():
+def test_different_methods_are_compared_if_each_side_has_only_one():
     film = Quantity("discharge_time", 0.80, 0.01, "s", "edge of the slide to the last bead")
     twin = Quantity("discharge_time", 0.76, 0.001, "s", "given to last passage")
     (row,) = deviations("it", "hopper", [film, film], [twin, twin])
@@ -313,12 +313,12 @@ def test_what_a_film_finds_one_way_and_a_twin_another_is_compared_where_each_kno
     assert [one.simulated for one in rows] == [None, None]
 
 
-def test_when_a_camera_was_started_is_no_deviation():
+def test_times_on_the_camera_clock_give_no_deviation():
     onset = Quantity("onset_time", 0.9, 0.01, "s", "onset")
     assert deviations("it", "tilt", [onset], [Quantity("onset_time", 9.9, 0.01, "s", "onset")]) == ()
 
 
-def test_a_twin_that_may_be_half_off_is_not_said_to_agree():
+def test_a_twin_that_may_be_wrong_by_half_does_not_agree():
     def verdict(std_uncertainty):
         (row,) = deviations("drop-1", "drop", [quantity(0.5, std_uncertainty)], [quantity(0.5, 1e-9)])
         return row.verdict

@@ -1,4 +1,4 @@
-"""Many runs over all cores: what is finished is kept, what is missing is run, what fails says why."""
+"""Run store: finished runs are kept, missing runs are run, failed runs have a reason."""
 
 import json
 
@@ -38,7 +38,7 @@ def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_fault_of_one_run_is_told_and_the_others_go_on_and_are_kept(tmp_path):
+def test_a_fault_of_one_run_is_reported_and_the_others_continue_and_are_kept(tmp_path):
     faulty = Run("faulty", "operator:truediv", {})  # takes no settings by name
     done = run_all([faulty, table(16), table(99)], tmp_path, workers=1)
     assert list(done.results) == ["table-16"]
@@ -48,18 +48,18 @@ def test_a_fault_of_one_run_is_told_and_the_others_go_on_and_are_kept(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_who_interrupts_learns_what_is_kept(tmp_path):
+def test_an_interrupt_has_a_note_on_what_is_kept(tmp_path):
     def impatient(_what, done, _whole):
         if done:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt) as stop:
         run_all([table(13), table(16)], tmp_path, workers=1, progress=impatient)
-    assert stop.value.__notes__ == [f"1 of 2 runs are kept in {tmp_path}; called again, the others are run."]
+    assert stop.value.__notes__ == [f"1 of 2 runs are kept in {tmp_path}; the same command runs the others."]
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_a_result_cut_short_or_spoilt_is_run_again(tmp_path):
+def test_a_truncated_or_damaged_result_is_run_again(tmp_path):
     one = Run("one", "builtins:dict", {"number": 16})
     run_all([one], tmp_path)
     (file,) = tmp_path.iterdir()

@@ -1,4 +1,4 @@
-"""Worker processes: what ends the one that asked for them ends them too."""
+"""Worker processes end with the process that started them."""
 
 import signal
 import subprocess
@@ -23,8 +23,8 @@ if __name__ == "__main__":
 WORKS = """
 import time
 
-def work(told):
-    with open(told, "w") as file:
+def work(written):
+    with open(written, "w") as file:
         for _ in range(1200):
             file.write("at work\\n")
             file.flush()
@@ -39,11 +39,11 @@ def until(happened, within: float) -> bool:
     return bool(happened())
 
 
-def rests(told: Path) -> bool:
+def rests(written: Path) -> bool:
     """Nothing is written for a second, ten times as long as between two words of a worker."""
-    before = told.stat().st_size
+    before = written.stat().st_size
     time.sleep(1.0)
-    return told.stat().st_size == before
+    return written.stat().st_size == before
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -51,9 +51,9 @@ def rests(told: Path) -> bool:
 def test_no_worker_outlives_the_process_that_is_killed(end, tmp_path):
     (tmp_path / "asking.py").write_text(ASKS)
     (tmp_path / "working.py").write_text(WORKS)
-    told = tmp_path / "worker"
-    asking = subprocess.Popen([sys.executable, "asking.py", told], cwd=tmp_path)
-    assert until(lambda: told.exists() and told.stat().st_size, 60)
+    written = tmp_path / "worker"
+    asking = subprocess.Popen([sys.executable, "asking.py", written], cwd=tmp_path)
+    assert until(lambda: written.exists() and written.stat().st_size, 60)
     asking.send_signal(end)
     asking.wait()
-    assert until(lambda: rests(told), 30)
+    assert until(lambda: rests(written), 30)

@@ -1,7 +1,6 @@
-"""Whether the columns of a track are the rig's axes: a cheap look at where gravity points, before anything is fitted.
+"""Check that the columns of a track are the rig's axes, from the direction of gravity in the tracks.
 
-An exchanged or an upside-down column is a fault of the file and no effect; fitted, it would come out as forces that
-nobody would find in a laboratory.
+Exchanged or inverted columns are an error of the file.  Fitted, they would appear as an impossible force.
 """
 
 from __future__ import annotations
@@ -18,27 +17,27 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
 
-WINDOWS = (0.06, 0.12)  # [s], through which a parabola is laid
-FEWEST = 6  # rows of such a window
-OF_A_PERIOD = 0.2  # longest window through the path of a pendulum
-BADLY = 0.2  # of what gravity bends a path within a window: an impact leaves more beside its parabola
-PLAINLY = 3.0  # times as near to one gravity as to the other, and times as many windows
-APART = 0.2  # of gravity, between what two directions of it would do
-SPEAKING = 3  # windows
-SELDOM = 0.05  # share of the rows
-HIGH = 0.3  # thread lengths
-LONG = 200.0  # frames between two rows, far below a time in milliseconds
-HIGHER = 0.3  # of a stated height: no lab is as unsure of its scale
-OFF = 0.25  # thread lengths from where a thread's end can be
-TINY = 1e-9  # [m]
-NEAR, FAR = math.radians(5), math.radians(10)  # of a stated angle, and clearly off it
+WINDOWS = (0.06, 0.12)  # [s], lengths of the windows in which a parabola is fitted
+FEWEST = 6  # smallest number of rows in a window
+OF_A_PERIOD = 0.2  # longest window for a pendulum, as a share of its period
+BADLY = 0.2  # largest misfit of a parabola, as a share of the bend due to gravity; an impact in a window exceeds it
+PLAINLY = 3.0  # factor by which one direction of gravity must fit better, in misfit and in number of windows
+APART = 0.2  # smallest difference, in units of gravity, between two directions for a window to count
+SPEAKING = 3  # smallest number of windows for a decision
+SELDOM = 0.05  # share of the rows below the pivot under which the origin cannot be at the pivot
+HIGH = 0.3  # height above the pivot, in thread lengths, that a bob released below the pivot cannot reach
+LONG = 200.0  # camera frames between two rows; times in milliseconds give far more
+HIGHER = 0.3  # relative difference to a stated height; larger than any plausible scale error
+OFF = 0.25  # distance of a bob from the circle of its thread, in thread lengths
+TINY = 1e-9  # [m], avoids division by zero
+NEAR, FAR = math.radians(5), math.radians(10)  # [rad], agreement with a stated angle, and clear difference
 
 EXCHANGED = "x_m and y_m look exchanged; x_m is level and y_m points up"
 UPSIDE_DOWN = "y_m looks as if it counted downwards; it points up"
 
 
 def check_axes(lab: TrackedLab) -> None:
-    """Raises `BadInput` for the first track whose axes are plainly not those of the rig."""
+    """Raise `BadInput` for the first track whose axes are clearly not those of the rig."""
     look: Callable[[TrackedLab, Condition, Track], str] = {
         "drop": _falls,
         "pendulum": _hangs,
@@ -56,13 +55,13 @@ def check_axes(lab: TrackedLab) -> None:
             if lab.rig == "double" and start_of(repetition[0]) > 0:
                 where = next(iter(condition.files[number : number + 1]), f"repetition {number + 1}")
                 raise BadInput(
-                    f"{lab.folder}: {condition.name}: {where}: {repetition[0].body}, the bead that is let go, starts "
+                    f"{lab.folder}: {condition.name}: {where}: {repetition[0].body}, the released bead, starts "
                     "on the right; write x_m with the opposite sign, so that it starts on the left."
                 )
 
 
 def check_heights(lab: TrackedLab) -> None:
-    """Raises `BadInput` where the beads of a condition do not come from where it says that they are let go."""
+    """Raise `BadInput` where the tracks of a condition contradict its stated drop height."""
     for condition in lab.conditions if lab.rig == "drop" else ():
         stated, bead = replace(lab, conditions=(condition,)).setting("drop_height_m")[0], condition.bead
         falls = [_let_go(repetition[0], lab.gravity) for repetition in condition.repetitions]
@@ -70,28 +69,28 @@ def check_heights(lab: TrackedLab) -> None:
         if abs(seen - stated) > HIGHER * stated + bead.diameter:
             raise BadInput(
                 f"{lab.folder}: {condition.name}: drop_height_m: {stated:g} is stated, but the tracks fall from "
-                f"{seen:.3g} m above the plate; correct it, or the scale of the tracks, or put their origin in the "
-                "plate's surface."
+                f"{seen:.3g} m above the plate; correct the height or the scale of the tracks, or put their origin in "
+                "the plate's surface."
             )
 
 
 def _let_go(track: Track, gravity: float) -> float:
-    """[m], the height from which a bead falls, above the picture where it is seen to come in with a speed."""
+    """Height [m] from which a bead falls; above the picture if it enters the picture with a speed."""
     time, height = track.time[:FEWEST], track.position[:FEWEST, 1]
     speed = float(np.polyfit(time - time[0], height, 1)[0])
     return max(float(track.position[:, 1].max()), float(height.mean()) + speed**2 / (2 * gravity))
 
 
 def _ticks(lab: TrackedLab, track: Track) -> str:
-    """Rows follow one another about as fast as the camera's frames."""
+    """An error text if the rows are much further apart than the camera's frames."""
     step = float(np.median(np.diff(track.time)))
     slow = step * lab.camera.frame_rate > LONG
-    each = f"its rows are {step:g} s apart, where the camera has a frame each {1 / lab.camera.frame_rate:g} s"
-    return f"{each}; time_s is in seconds" if slow else ""
+    each = f"its rows are {step:g} s apart, but the camera takes a frame every {1 / lab.camera.frame_rate:g} s"
+    return f"{each}; write time_s in seconds" if slow else ""
 
 
 def _falls(lab: TrackedLab, _condition: Condition, track: Track) -> str:
-    """A bead in flight is accelerated downwards."""
+    """An error text if a bead in flight is not accelerated downwards."""
     _, acceleration = _bent(track, lab.gravity)
 
     def misfit(x: float, y: float) -> Array:
@@ -103,7 +102,7 @@ def _falls(lab: TrackedLab, _condition: Condition, track: Track) -> str:
 
 
 def _hangs(lab: TrackedLab, _condition: Condition, track: Track) -> str:
-    """A bob is drawn down along its arc, wherever on it it is; the thread holds it across the arc."""
+    """An error text if a bob is not accelerated downwards along its arc; the thread carries the rest of its weight."""
     length, release = lab.setting("length_m")[0], abs(lab.setting("release_angle_deg")[0])
     x, y = track.position.T
     if float(np.median(abs(np.hypot(x, y) - length))) > OFF * length:
@@ -118,21 +117,21 @@ def _hangs(lab: TrackedLab, _condition: Condition, track: Track) -> str:
 
     if _pulls(misfit(-1, 0), misfit(0, -1), abs(along @ [-1, 1]) > APART):
         return f"the bob hangs to the left of its pivot, {EXCHANGED}"
-    # a bob let go below the level never comes above it
+    # a bob released below the height of the pivot never rises above it
     stands = release < 90 and float(np.median(y)) > HIGH * length
     stands = stands or _pulls(misfit(0, 1), misfit(0, -1), abs(along @ [0, 2]) > APART)
     return f"the bob stands above its pivot, {UPSIDE_DOWN}" if stands else ""
 
 
 def _pulls(this: Array, right: Array, apart: npt.NDArray[np.bool_] | bool = True) -> bool:
-    """Whether plainly more windows fit a gravity in this direction than in the right one."""
+    """Whether clearly more windows fit gravity in this direction than in the right one."""
     for_this = int(np.sum(apart & (PLAINLY * this < right)))
     for_right = int(np.sum(apart & (PLAINLY * right < this)))
     return for_this >= SPEAKING and for_this > PLAINLY * for_right
 
 
 def _bent(track: Track, gravity: float, longest: float = math.inf) -> tuple[Array, Array]:
-    """Places (windows, 2) [m] and accelerations [m/s^2] of the windows through which a parabola fits well."""
+    """Positions (windows, 2) [m] and accelerations (windows, 2) [m/s^2] of the windows that a parabola fits well."""
     step = float(np.median(np.diff(track.time)))
     sizes = {min(max(round(window / step) + 1, FEWEST), len(track.time)) for window in WINDOWS}
     found = [_parabolas(track, rows, gravity, longest) for rows in sorted(sizes)]
@@ -140,7 +139,7 @@ def _bent(track: Track, gravity: float, longest: float = math.inf) -> tuple[Arra
 
 
 def _parabolas(track: Track, rows: int, gravity: float, longest: float) -> tuple[Array, Array]:
-    """The same, of windows of so many rows, each a quarter on from the one before."""
+    """As `_bent`, for windows of `rows` rows, each shifted by a quarter of its length."""
     every = max(rows // 4, 1)
     time = np.lib.stride_tricks.sliding_window_view(track.time, rows)[::every]
     path = np.lib.stride_tricks.sliding_window_view(track.position, rows, axis=0)[::every]
@@ -159,7 +158,7 @@ def _parabolas(track: Track, rows: int, gravity: float, longest: float) -> tuple
 
 
 def _lies(lab: TrackedLab, condition: Condition, track: Track) -> str:
-    """A clump lies on the arm, which rises to the right from the angle stated for the moment zero."""
+    """An error text if the clump does not lie on the arm, which rises to the right by its stated angle at time zero."""
     x, y = np.median(track.position[:FEWEST], axis=0)
     tilted = lab.setting("tilt_rate_deg_s", 0.0)[0] * float(np.median(track.time[:FEWEST]))
     stated = math.radians(lab.setting("start_angle_deg", 0.0)[0] + tilted)
@@ -172,7 +171,7 @@ def _lies(lab: TrackedLab, condition: Condition, track: Track) -> str:
 
 
 def _descends(lab: TrackedLab, condition: Condition, track: Track) -> str:
-    """A bead rolls along the level, and down where it is not pushed."""
+    """An error text if a bead does not roll along x, or rolls up an incline without a push."""
     way = np.median(track.position[-FEWEST:], axis=0) - np.median(track.position[:FEWEST], axis=0)
     incline = math.radians(lab.setting("incline_angle_deg", 0.0)[0])
     along, up = abs(float(way[0])), float(way[1])

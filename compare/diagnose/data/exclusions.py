@@ -1,7 +1,7 @@
-"""What is left out of a lab before anything is fitted, each in one sentence that the report repeats.
+"""Leave out unusable data before the fit, each with one sentence for the report.
 
-Rows that hold no position, single rows far off the path on either side of them, what follows a break of the path (a
-frame lost without a trace), and repetitions in which nothing rolled or slid.
+Left out are rows without a position, single outliers, rows after a jump of the path (lost frames), and repetitions
+without motion.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
 
-SIDE = 5  # rows on either side of a moment, through which a parabola is laid
-FAR = 12.0  # typical errors of such a parabola, carried on by a row, that no noise reaches
-MOST = 0.02  # of the rows of a track: more outlying ones are noise of its own kind, and stay
-STAYS = 8.0  # noises: a bead that is not further off at the end than this has not moved
-TOLD = 3  # tracks that are named, of those in which rows hold no position
-CLEAR = 1.5  # bead diameters above the plate where no impact is near
+SIDE = 5  # rows on either side of a row, in which a parabola is fitted
+FAR = 12.0  # typical extrapolation errors above which a row is an outlier
+MOST = 0.02  # largest share of outliers; more of them are treated as noise and kept
+STAYS = 8.0  # displacement in units of the noise below which a bead has not moved
+LISTED = 3  # largest number of tracks with missing positions that are listed by name
+CLEAR = 1.5  # height above the plate, in bead diameters, at which no impact is near
 
 
 def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
-    """The lab without what cannot be used, and what that was.  Raises `BadInput` where nothing is left."""
+    """The lab without unusable data, and one sentence for each exclusion.  Raises `BadInput` if nothing is left."""
     noise = noise_of(lab, [track for c in lab.conditions for repetition in c.repetitions for track in repetition])
     said = _unseen(lab)
     conditions = []
@@ -45,13 +45,13 @@ def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
     if not conditions:
         raise BadInput(
             f"{lab.folder}: nothing moves by more than {STAYS:g} times the tracking noise of {noise:.2g} m in any of "
-            f"the {lab.repetitions} repetitions; check the tracks, and tracking_noise_m where it is stated."
+            f"the {lab.repetitions} repetitions; check the tracks, and tracking_noise_m if it is stated."
         )
     return replace(lab, conditions=tuple(conditions)), tuple(said)
 
 
 def _unseen(lab: TrackedLab) -> list[str]:
-    """Rows without a position, which the reading of the files left out, in one sentence."""
+    """One sentence on the rows without a position, which were left out on reading."""
     gaps = []
     for condition in lab.conditions:
         for number, repetition in enumerate(condition.repetitions):
@@ -60,13 +60,15 @@ def _unseen(lab: TrackedLab) -> list[str]:
     if not gaps:
         return []
     gaps.sort(reverse=True)
-    most = ", ".join(f"{gap} of {rows} in {where}" for gap, rows, where in gaps[:TOLD])
-    others = f" and {sum(gap for gap, _, _ in gaps[TOLD:])} in {len(gaps) - TOLD} more" if len(gaps) > TOLD else ""
+    most = ", ".join(f"{gap} of {rows} in {where}" for gap, rows, where in gaps[:LISTED])
+    others = (
+        f" and {sum(gap for gap, _, _ in gaps[LISTED:])} in {len(gaps) - LISTED} more" if len(gaps) > LISTED else ""
+    )
     return [f"rows without a position left out: {most}{others}"]
 
 
 def _stayed(rig: str, condition: Condition, track: Track, noise: float) -> bool:
-    """Whether a bead never fell or swung, one on an incline never rolled, a clump on the arm never slid."""
+    """Whether nothing happened: no fall, no swing, no rolling on the incline, no sliding on the arm."""
     if rig == "slide":
         way = np.hypot(track.position[:, 0], track.position[:, 1])  # the arm itself moves
     elif rig == "roll" and not condition.settings.get("push_speed_m_s"):
@@ -86,7 +88,7 @@ def _cleaned(
             off[:] = False
         if off.any():
             at = ", ".join(f"{t:.4f}" for t in track.time[off][:4])
-            said.append(f"{where}: {off.sum()} rows left out that are off the path on either side (t = {at} s)")
+            said.append(f"{where}: {off.sum()} rows left out as outliers from the path before and after (t = {at} s)")
         smooth = _part(track, ~off)
         end = _break(smooth, condition, noise) if rig == "drop" else len(smooth.time)
         if end < len(smooth.time):
@@ -96,7 +98,7 @@ def _cleaned(
 
 
 def _break(track: Track, condition: Condition, noise: float) -> int:
-    """How many rows there are before the path of a drop jumps well above the plate, as where frames are missing."""
+    """Number of rows before the path of a drop jumps well above the plate, as it does where frames are missing."""
     high = CLEAR * condition.bead.diameter + condition.bead.radius
     for k in np.flatnonzero(_faults(track, noise)[1]):
         if float(track.position[max(k - SIDE, 0) : k + SIDE + 1, 1].min()) > high and k > 4 * SIDE:
@@ -109,7 +111,7 @@ def _part(track: Track, rows: Any) -> Track:
 
 
 def _faults(track: Track, noise: float) -> tuple[Any, Any]:
-    """Which rows are off the path on both sides, and after which rows the path jumps."""
+    """Masks (n,) of rows off the path extrapolated from both sides, and of rows after which the path jumps."""
     n = len(track.time)
     off, broken = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     if n < 4 * SIDE:
@@ -119,11 +121,11 @@ def _faults(track: Track, noise: float) -> tuple[Any, Any]:
     for k in range(track.position.shape[1]):
         y = track.position[:, k]
         before, after = y - ahead[0][:, k], y - behind[0][:, k]
-        # a track with noise of its own kind, such as uneven frames, sets its own measure
+        # a track with other errors than white noise, such as uneven frames, sets its own scale
         typical = max(1.4826 * float(np.nanmedian(np.abs(before))), 2.3 * noise)
         far = (np.abs(before) > FAR * typical) & (np.abs(after) > FAR * typical)
         off |= far & (np.sign(before) == np.sign(after))
-        # the path as it was, and as it goes on, half a step each to the middle between two rows
+        # the paths before and after, each extrapolated by half a step to the middle between two rows
         jump = behind[1][1:, k] - ahead[1][:-1, k]
         here, there = y[1:] - ahead[0][1:, k], behind[0][:-1, k] - y[:-1]
         alike = (np.sign(jump) == np.sign(here)) & (np.sign(jump) == np.sign(there))
@@ -133,8 +135,8 @@ def _faults(track: Track, noise: float) -> tuple[Any, Any]:
 
 
 def _carried_on(track: Track, step: float, way: int) -> tuple[Array, Array]:
-    """Parabolas through the `SIDE` rows before (or, with `way` -1, after) each row: carried on to the row, and from
-    each row half a step beyond it; NaN where there are too few rows."""
+    """Parabolas through the `SIDE` rows before (with `way` -1: after) each row, extrapolated to the row and half a
+    step beyond the last of these rows; NaN where there are too few rows."""
     time, place = track.time[::way] * way, track.position[::way]
     n = len(time)
     to_row, beyond = np.full(place.shape, np.nan), np.full(place.shape, np.nan)

@@ -1,4 +1,4 @@
-"""The experiments of a lab.toml as a tracked lab: records already tracked are read, media are measured first."""
+"""Turn the experiments of a lab.toml into a tracked lab; track files are read, media are measured first."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from rigtwin.lab.rigs import DropSettings, PendulumSettings
 
 GRAVITY = 9.81  # [m/s^2]
 OPEN_HEIGHT, OPEN_ANGLE = 0.05, math.radians(5.0)
-"""[m], [rad]: standard uncertainty of a release that is not stated, but read off the tracks."""
-GEOMETRY = {  # key under [uncertainty] -> the name in a lab.json, and its unit there per SI unit
+"""[m], [rad]: standard uncertainty of a release height or angle that is not stated but estimated from the tracks."""
+GEOMETRY = {  # key under [uncertainty] -> name in a lab.json, and factor from SI to its unit there
     "drop_height": ("drop_height_uncertainty_m", 1.0),
     "plate_level": ("plate_level_uncertainty_deg", 180 / math.pi),
     "length": ("length_uncertainty_m", 1.0),
@@ -38,17 +38,17 @@ GEOMETRY = {  # key under [uncertainty] -> the name in a lab.json, and its unit 
 
 
 def tracked_lab(path: Path, only: Sequence[str] = (), progress: Progress = silent) -> TrackedLab:
-    """The lab's drops, or its pendulums of one kind.  Raises `BadInput` in one sentence."""
+    """The drops of a lab, or its pendulums of one kind, as a tracked lab.  Raises `BadInput`."""
     lab = read_lab(path)
     chosen = _chosen(lab, only)
     rig, wall = _kind(chosen[0])
     others = [one.id for one in chosen if _kind(one) != (rig, wall)]
     if others:
         raise BadInput(
-            f"{lab.path}: {chosen[0].id} and {others[0]} are different rigs; a diagnosis looks at one: name its "
-            "experiments with --only ID, given again for each."
+            f"{lab.path}: {chosen[0].id} and {others[0]} are different rigs; a diagnosis treats one rig: name its "
+            "experiments with --only ID, repeated for each."
         )
-    need_repetitions(lab.path, sum(len(one.repetitions) for one in chosen))  # before the measuring, which takes long
+    need_repetitions(lab.path, sum(len(one.repetitions) for one in chosen))  # before measuring, which takes long
     conditions, sigmas = [], []
     for number, experiment in enumerate(chosen):
         progress("tracks", number, len(chosen))
@@ -86,15 +86,15 @@ def _chosen(lab: Lab, only: Sequence[str]) -> list[Experiment]:
             raise BadInput(f"{lab.path}: there is no experiment {name!r}; known are {', '.join(known)}.")
     chosen = [one for one in lab.experiments if (one.id in only if only else _kind(one)[0])]
     if not chosen:
-        raise BadInput(f"{lab.path}: no drop or pendulum in it; those are what a diagnosis takes from a lab.toml.")
+        raise BadInput(f"{lab.path}: holds no drop or pendulum; a diagnosis of a lab.toml supports only these.")
     for one in chosen:
         if not _kind(one)[0]:
-            raise BadInput(f"{lab.path}: {one.id}: a diagnosis of a {one.rig_name} takes a folder with a lab.json.")
+            raise BadInput(f"{lab.path}: {one.id}: a diagnosis of a {one.rig_name} needs a folder with a lab.json.")
     return chosen
 
 
 def _kind(experiment: Experiment) -> tuple[str, bool]:
-    """The rig's name in a lab.json, empty where it has none, and whether a pendulum strikes a wall."""
+    """The rig's name in a lab.json, empty if it has none, and whether a pendulum hits a wall."""
     if isinstance(experiment.rig, DropSettings):
         return "drop", False
     if isinstance(experiment.rig, PendulumSettings):
@@ -110,7 +110,7 @@ def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -
     if isinstance(found, Failure):
         raise BadInput(f"{found.source}: {found.message}")
     radius = experiment.particle.diameter / 2
-    # measured drops have the centre at the first contact as origin, pendulums the place where the last bead hangs
+    # the origin of a measured drop is the bead's centre at first contact, that of pendulums the last bead at rest
     shift = np.array([0.0, radius])
     if isinstance(experiment.rig, PendulumSettings):
         shift = np.array([radius if rig == "double" else 0.0, -experiment.rig.length])
@@ -118,7 +118,7 @@ def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -
 
 
 def _upon_the_plate(tracks: tuple[Track, ...], path: Path, experiment: Experiment) -> tuple[Track, ...]:
-    """With the origin on the plate, from tracks whose origin is there or at the centre of the bead in contact."""
+    """Tracks with the origin on the plate, from tracks with the origin there or at the bead's centre in contact."""
     radius = experiment.particle.diameter / 2
     lowest = float(tracks[0].position[:, 1].min())
     if abs(lowest - radius) < 0.6 * radius:
@@ -126,8 +126,8 @@ def _upon_the_plate(tracks: tuple[Track, ...], path: Path, experiment: Experimen
     if abs(lowest) < 0.6 * radius:
         return tuple(_moved(track, np.array([0.0, radius])) for track in tracks)
     raise BadInput(
-        f"{path}: the lowest place is y = {1e3 * lowest:.1f} mm; y must be the height of the bead's centre above the "
-        f"plate, so {1e3 * radius:.1f} mm at contact, or zero there."
+        f"{path}: the lowest position is y = {1e3 * lowest:.1f} mm; y must be the height of the bead's centre above "
+        f"the plate ({1e3 * radius:.1f} mm at contact), or zero at contact."
     )
 
 

@@ -1,8 +1,4 @@
-"""Reads a lab for diagnosis: tracked repetitions and all that the experimenter knows, stated uncertainties included.
-
-Two forms: a folder with a `lab.json` (conditions, stated uncertainties, one CSV per repetition), or a `lab.toml`
-whose repetitions are CSV already tracked.
-"""
+"""Read a lab.json for diagnosis: conditions, stated uncertainties and one track file (CSV) for each repetition."""
 
 from __future__ import annotations
 
@@ -32,7 +28,7 @@ from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track, read_tracks
 
-LARGEST_BEAD = 0.5  # [m]
+LARGEST_BEAD = 0.5  # [m], largest accepted diameter; larger numbers are probably millimetres
 
 OPTIONAL = (
     "scale_m_per_px", "tracking_noise_px", "tracking_noise_m", "scale_uncertainty_rel", "frame_rate_uncertainty_rel",
@@ -43,21 +39,21 @@ OPTIONAL = (
     "clump_mass_g", "mass_g", "mass_kg", "density_kg_m3", "rig_geometry", "camera", "walls",
     "thickness_m", "youngs_modulus_Pa", "poissons_ratio",
 )  # fmt: skip
-"""Keys that have a default: misspelt, they would be missing without a word."""
+"""Optional keys: a misspelt one would silently be replaced by its default, so similar keys are reported."""
 
 BEAD = ("bead", "particle", "clump", "sphere")  # keys of a condition that name its bead
 
-ALIKE = 0.9  # of two spellings, as difflib tells it
+ALIKE = 0.9  # similarity of two spellings (ratio of difflib) above which a key is reported as misspelt
 
 SETTINGS = (
     "drop_height_m", "length_m", "release_angle_deg", "tilt_rate_deg_s", "start_angle_deg", "waiting_time_s",
     "start_distance_m", "clump_mass_g", "incline_angle_deg", "push_speed_m_s",
 )  # fmt: skip
-"""Settings of a condition; what is the same in all of them may stand once, in rig_geometry."""
+"""Settings of a condition; those common to all conditions may be stated once, in rig_geometry."""
 
-DOUBTS = ("uncertainty", "noise", "sideways_speed")  # in the names of what cannot be below zero
+NOT_NEGATIVE = ("uncertainty", "noise", "sideways_speed")  # parts of the names of quantities that cannot be negative
 
-RANGES = {  # smallest and largest that can be, neither of which is
+RANGES = {  # open range of valid values
     **dict.fromkeys(("drop_height_m", "length_m", "thickness_m", "youngs_modulus_Pa", "clump_mass_g"), (0.0, math.inf)),
     "poissons_ratio": (-1.0, 0.6),
     "release_angle_deg": (-180.0, 180.0),
@@ -66,13 +62,13 @@ RANGES = {  # smallest and largest that can be, neither of which is
 
 TABLES = ("walls", "rig_geometry")
 
-FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s]: a fall from 180 m
+FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s] (speed of a fall from 180 m)
 
-LARGEST = 1e300  # of any number: what a float can hold
+LARGEST = 1e300  # largest accepted magnitude of any number, near the limit of a float
 
 
 def read_tracked_lab(path: Path) -> TrackedLab:
-    """Read the lab.json of a folder.  Raises `BadLabFile` in one sentence."""
+    """Read the lab.json of a folder, or at this path, and its track files.  Raises `BadLabFile`."""
     file = path / "lab.json" if path.is_dir() else path
     document = _document(file)
     rig = _text(document, "rig", file)
@@ -89,7 +85,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     if rig == "pendulum" and 0 < len(free) < len(conditions):
         striking = next(one.name for one in conditions if one.wall)
         raise BadLabFile(
-            f"{file}: conditions: {free[0]} swings freely and {striking} strikes a wall; those are two experiments: "
+            f"{file}: conditions: {free[0]} swings freely and {striking} hits a wall; those are two experiments: "
             "write a lab.json for each."
         )
     _read_once(file, conditions)
@@ -117,15 +113,15 @@ def read_tracked_lab(path: Path) -> TrackedLab:
 
 
 def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
-    """Refuse conditions that read the same files, and repetitions that are copies of others."""
+    """Raise if two conditions read the same file, or one track file is a copy of another."""
     owners: dict[Path, Condition] = {}
     for condition in conditions:
         for one in condition.files:
             owner = owners.setdefault((file.parent / one).resolve(), condition)
             if owner is not condition:
                 raise BadLabFile(
-                    f"{file}: conditions: {owner.name} and {condition.name} both read {one}; one condition holds all "
-                    "repetitions of a setting, and each setting has a name and files of its own."
+                    f"{file}: conditions: {owner.name} and {condition.name} both read {one}; list all repetitions of "
+                    "a setting under one condition, and give each setting its own name and files."
                 )
     moving = (
         (file.parent / one).resolve()
@@ -133,10 +129,10 @@ def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
         for one, each in zip(condition.files, condition.repetitions, strict=True)
         if any(
             np.ptp(track.position, axis=0).any() for track in each
-        )  # what stands as still as can be is alike by itself
+        )  # tracks without any motion are equal without being copies
     )
-    for original, copy in copies(moving):  # counted again it would make an effect surer without a measurement
-        raise BadLabFile(f"{copy}: holds the same as {original}; a copy is no repetition: take one of them out.")
+    for original, copy in copies(moving):  # a copy would raise the significance of an effect without a measurement
+        raise BadLabFile(f"{copy}: has the same content as {original}; a copy is no repetition: remove one of them.")
 
 
 def _document(file: Path) -> dict[str, Any]:
@@ -153,7 +149,7 @@ def _document(file: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise BadLabFile(f"{file}: is not valid JSON ({error}); correct it there.") from None
     if not isinstance(document, dict):
-        raise BadLabFile(f"{file}: holds no table of names and values; write it as docs/tracked_lab.md shows.")
+        raise BadLabFile(f"{file}: is not a table of names and values; write it as docs/tracked_lab.md shows.")
     document = dict(_measured(document))
     for key in TABLES:
         if not isinstance(document.get(key, {}), dict):
@@ -163,14 +159,14 @@ def _document(file: Path) -> dict[str, Any]:
 
 
 def _measured(value: Any) -> Any:
-    """The document without what was not measured: null says so."""
+    """The document without null entries, which mean "not measured"."""
     if isinstance(value, dict):
         return {key: _measured(entry) for key, entry in value.items() if entry is not None}
     return [_measured(entry) for entry in value] if isinstance(value, list) else value
 
 
 def _sane(value: Any, key: str, file: Path) -> None:
-    """Refuse numbers anywhere in the document that nothing in a lab can have."""
+    """Raise for impossible numbers anywhere in the document."""
     if isinstance(value, dict):
         for name, entry in value.items():
             _sane(entry, str(name), file)
@@ -181,15 +177,17 @@ def _sane(value: Any, key: str, file: Path) -> None:
         least, most = RANGES[key]
         if not (isinstance(value, (int, float)) and least < value < most):
             between = "above zero" if most == math.inf else f"between {least:g} and {most:g}"
-            raise BadLabFile(f"{file}: {key}: {value!r} cannot be; state a number {between}, in the unit of the name.")
+            raise BadLabFile(
+                f"{file}: {key}: {value!r} is impossible; state a number {between}, in the unit of the key."
+            )
     elif isinstance(value, (int, float)) and not abs(value) <= LARGEST:
-        raise BadLabFile(f"{file}: {key}: {value!r} is no number that was measured; leave it out where it is unknown.")
-    elif isinstance(value, (int, float)) and value < 0 and any(kind in key for kind in DOUBTS):
-        raise BadLabFile(f"{file}: {key}: {value!r} cannot be; an uncertainty is not below zero.")
+        raise BadLabFile(f"{file}: {key}: {value!r} is not a finite number; leave the key out if it is unknown.")
+    elif isinstance(value, (int, float)) and value < 0 and any(kind in key for kind in NOT_NEGATIVE):
+        raise BadLabFile(f"{file}: {key}: {value!r} is impossible; state a number of at least zero.")
 
 
 def _misspelt(table: Any) -> Iterator[str]:
-    """Whatever the document says beside is its own business, but nearly a key's name is hardly meant as a remark."""
+    """A warning for each unknown key that is almost an optional key; other unknown keys are allowed."""
     if isinstance(table, list):
         for entry in table:
             yield from _misspelt(entry)
@@ -198,27 +196,27 @@ def _misspelt(table: Any) -> Iterator[str]:
             meant = get_close_matches(key, OPTIONAL, n=1, cutoff=ALIKE) or [
                 one
                 for one in OPTIONAL
-                if one.rpartition("_")[0] == key and "uncertainty" in key  # less its unit
+                if one.rpartition("_")[0] == key and "uncertainty" in key  # the key without its unit
             ]
             if meant and key not in OPTIONAL and meant[0] not in table and isinstance(value, (int, float, dict)):
-                yield f"{key}: is not read; was {meant[0]} meant? Its default stands"
+                yield f"{key}: is not read; was {meant[0]} meant? Its default is used"
             yield from _misspelt(value)
 
 
 def _misnamed(walls: Mapping[str, Any], used: Collection[str]) -> Iterator[str]:
-    """Tables of walls that no condition names, each beside a wall like it that has no table."""
+    """A warning for each wall table that no condition uses and whose name resembles a wall without a table."""
     bare = sorted(set(used) - set(walls))
     for name in sorted(set(walls) - set(used)):
         for meant in get_close_matches(name, bare, n=1):
-            yield f"walls: {name}: is not read, for no condition has this wall; was {meant} meant?"
+            yield f"walls: {name}: is not read, because no condition has this wall; was {meant} meant?"
 
 
 def _one_more(file: Path, raw_conditions: Sequence[Any], conditions: Sequence[Condition]) -> Iterator[str]:
-    """Files that go on with the numbers where the repetitions that are stated end."""
-    for raw, condition in zip(raw_conditions, conditions, strict=False):  # rigs of many particles have none
+    """A warning for each condition with a file numbered after its last stated repetition."""
+    for raw, condition in zip(raw_conditions, conditions, strict=False):  # bulk rigs have no conditions
         count = len(condition.files)
         if (file.parent / (more := _pattern(raw, condition.name) % (count + 1))).is_file():
-            yield f"condition {condition.name}: {more} is there and is not read, for {count} repetitions are stated"
+            yield f"condition {condition.name}: {more} exists but is not read, because {count} repetitions are stated"
 
 
 def _pattern(raw: Mapping[str, Any], name: str) -> str:
@@ -248,7 +246,7 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
     name = _text(raw, "name", file)
     bead = _bead(document, raw, file, name)
     if "repetitions" not in raw:
-        raise BadLabFile(f"{file}: condition {name}: repetitions: is missing; say how many files there are of it.")
+        raise BadLabFile(f"{file}: condition {name}: repetitions: is missing; state the number of its files.")
     count = raw["repetitions"]
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         raise BadLabFile(f"{file}: condition {name}: repetitions: {count!r} is not a whole number of at least 1.")
@@ -257,18 +255,18 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
         first = pattern % 1
     except (TypeError, ValueError):
         raise BadLabFile(
-            f"{file}: condition {name}: files: {pattern!r} holds no place for a number; write 'rep%02d.csv'."
+            f"{file}: condition {name}: files: {pattern!r} has no placeholder for a number; write 'rep%02d.csv'."
         ) from None
     common = {key: value for key, value in document.get("rig_geometry", {}).items() if key in SETTINGS}
     settings = common | {key: value for key, value in raw.items() if key not in ("name", "files", "repetitions")}
     if rig == "roll" and not {"incline_angle_deg", "push_speed_m_s"} & settings.keys():
         raise BadLabFile(
-            f"{file}: condition {name}: states neither incline_angle_deg nor push_speed_m_s; a bead rolls down an "
-            "incline or is pushed."
+            f"{file}: condition {name}: has neither incline_angle_deg nor push_speed_m_s; state one of them: a bead "
+            "rolls down an incline or is pushed."
         )
     tracks: list[tuple[Track, ...]] = []
     files = []
-    for number in range(1, count + 1):  # which a slip of the pen makes too many to list
+    for number in range(1, count + 1):  # lazily: a mistyped count may be huge
         files.append(one := pattern % number)
         repetition = read_tracks(file.parent / one)
         _check(repetition, file.parent / one, rig)
@@ -277,7 +275,7 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
         if rig == "double" and bodies != others:
             raise BadLabFile(
                 f"{file.parent / one}: the beads are named {' and '.join(sorted(bodies))}, and "
-                f"{' and '.join(sorted(others))} in {first}; name them alike in all repetitions."
+                f"{' and '.join(sorted(others))} in {first}; use the same names in all repetitions."
             )
     wall = str(raw.get("wall", ""))
     return Condition(name, bead, "" if wall.lower() == "none" else wall, settings, tuple(tracks), tuple(files))
@@ -287,10 +285,10 @@ def _check(repetition: tuple[Track, ...], path: Path, rig: str) -> None:
     needed = 2 if rig == "double" else 1
     if len(repetition) != needed:
         found = ", ".join(track.body for track in repetition)
-        raise BadLabFile(f"{path}: {len(repetition)} bodies ({found}) where a {rig} has {needed}.")
+        raise BadLabFile(f"{path}: holds {len(repetition)} bodies ({found}); a {rig} has {needed}.")
     for track in repetition:
         if len(track.time) < 20:
-            raise BadLabFile(f"{path}: only {len(track.time)} rows; at least 20 are needed to see a motion.")
+            raise BadLabFile(f"{path}: only {len(track.time)} rows; at least 20 are needed.")
         if (far := furthest_of(track)) > FARTHEST:
             raise BadLabFile(f"{path}: a position is {far:.0f} m from the origin; are the columns in metres?")
         speeds = np.hypot(*np.diff(track.position, axis=0).T) / np.diff(track.time)
@@ -313,8 +311,8 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
     second = next((one for one in kinds if isinstance(one, str) and one in particles and one != wanted), None)
     if document["rig"] == "double" and wanted is not None and second is not None:
         raise BadLabFile(
-            f"{file}: condition {where}: names two kinds of beads, {wanted} and {second}; two pendulums are read with "
-            "two beads alike."
+            f"{file}: condition {where}: names two kinds of beads, {wanted} and {second}; only two equal beads are "
+            "supported for two pendulums."
         )
     about = particles.get(wanted) if isinstance(wanted, str) else None
     if not isinstance(about, dict):
@@ -350,5 +348,5 @@ def _number(table: Mapping[str, Any], key: str, file: Path, *, default: float | 
     if not is_number(value):
         raise BadLabFile(f"{file}: {key}: {value!r} is not a number.")
     if default is None and not value > 0:
-        raise BadLabFile(f"{file}: {key}: {value!r} cannot be; it must be above zero.")
+        raise BadLabFile(f"{file}: {key}: {value!r} is impossible; it must be above zero.")
     return float(value)

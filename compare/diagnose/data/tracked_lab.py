@@ -1,3 +1,5 @@
+"""A lab ready for diagnosis: beads, camera, conditions with their tracks, and access to the stated values."""
+
 from __future__ import annotations
 
 import math
@@ -19,22 +21,22 @@ TRACKED = ("drop", "pendulum", "double", "slide", "roll")
 
 BULK = ("pile", "hopper", "drum")
 
-FEWEST = 5  # repetitions in a lab, below which nothing is named
+FEWEST = 5  # smallest number of repetitions in a lab for a diagnosis
 
 PLATE = ("thickness_m", "density_kg_m3", "youngs_modulus_Pa", "poissons_ratio")
 
-EXACT = 1e-3  # of the doubt taken where none is stated: what is known so well is as good as known exactly
+EXACT = 1e-3  # share of the default standard uncertainty used where zero is stated; a fit needs a positive value
 
-BEYOND = 30.0  # times as long as what is seen of a motion: 300 mm and what is seen of them are 1000 apart
+BEYOND = 30.0  # stated length over the extent of the tracks, above which it is taken to be in millimetres
 
-OTHER_RATE = 0.1  # relative: times rounded to the millisecond make 250 of 240 rows a second; another rate is a step
+OTHER_RATE = 0.1  # relative difference of rates above which a warning is given; times rounded to 1 ms turn 240 into 250
 
-EARLY = 0.2  # [s], in which a clock that starts with the film has shown a row, some lost frames allowed for
+EARLY = 0.2  # [s], latest first row of a clock that starts with the film, with a margin for lost frames
 
 
 @dataclass(frozen=True)
 class Bead:
-    """One kind of bead: what the experimenter knows of it."""
+    """One kind of bead with its stated properties."""
 
     name: str
     diameter: float  # [m]
@@ -47,13 +49,13 @@ class Bead:
 
     @property
     def density(self) -> float:
-        """[kg/m^3] of a ball of this size and mass."""
+        """[kg/m^3], of a sphere of this size and mass."""
         return self.mass / (math.pi / 6 * self.diameter**3)
 
 
 @dataclass(frozen=True)
 class Camera:
-    """The stated camera and how well it is known; standard uncertainties."""
+    """The stated camera with its standard uncertainties."""
 
     frame_rate: float  # [1/s]
     noise: float  # [m], one standard deviation of a tracked coordinate; NaN where not stated
@@ -86,9 +88,9 @@ class TrackedLab:
     conditions: tuple[Condition, ...]
     folder: Path
     stated: Mapping[str, Any] = field(default_factory=dict)
-    """The whole document as it stands in the file."""
+    """The whole document as in the file."""
     overlooked: tuple[str, ...] = ()
-    """Keys and files that are not read and look like ones that would be, and stated rates that tracks do not have."""
+    """Warnings: unread keys and files that look like known ones, and stated frame rates that the tracks contradict."""
 
     @property
     def repetitions(self) -> int:
@@ -97,14 +99,14 @@ class TrackedLab:
     def setting(self, name: str, default: float | None = None) -> list[float]:
         """A number that each condition states, one per repetition.
 
-        Raises `BadLabFile` where it is missing, or a length that fits neither on a bench nor what its tracks show.
+        Raises `BadLabFile` if it is missing, or if a length is implausible and far larger than the tracks.
         """
         values = []
         for condition in self.conditions:
             value, place = condition.settings.get(name, default), f"{self.folder / 'lab.json'}: condition"
             if not is_number(value):
                 meant = [] if name in condition.settings else get_close_matches(name, condition.settings, n=1)
-                hint = f"; was {meant[0]} meant to be it?" if meant else "."
+                hint = f"; was {meant[0]} meant?" if meant else "."
                 raise BadLabFile(f"{place} {condition.name}: {name}: is missing or not a number{hint}")
             if name.endswith("_m") and value > LONGEST and value > BEYOND * _furthest(condition):
                 raise BadLabFile(f"{place} {condition.name}: {name}: {value:g} is in metres; was it meant in mm?")
@@ -112,7 +114,7 @@ class TrackedLab:
         return values
 
     def stated_for(self, condition: Condition, parameter: Parameter) -> float | None:
-        """What the lab states of a parameter for the bead and the wall of a condition; None where it does not."""
+        """The stated value of a parameter for the bead and the wall of a condition, or None."""
         if parameter.stated is None:
             return None
         key = parameter.stated, condition.bead.name, condition.wall
@@ -122,7 +124,7 @@ class TrackedLab:
 
     @cached_property
     def _known(self) -> dict[tuple[Any, str, str], float | None]:
-        """What was worked out before: a fit asks for it at every step."""
+        """Cache of `stated_for`, which a fit calls at every step."""
         return {}
 
     def _stated(self, condition: Condition, parameter: Parameter, rule: Callable[..., float]) -> float | None:
@@ -137,9 +139,9 @@ class TrackedLab:
         return value if isinstance(value, float) and parameter.low < value <= parameter.high else None
 
     def alike(self, one: str, other: str) -> bool:
-        """Whether the lab states of two walls that they are of one material and of another thickness.
+        """Whether two walls are stated to have the same material and different thickness.
 
-        Walls of which it says less may be of anything.
+        False where the lab does not state all properties of both walls.
         """
         walls = self.stated.get("walls")
         if not isinstance(walls, Mapping) or not isinstance(walls.get(one), Mapping):
@@ -152,19 +154,19 @@ class TrackedLab:
         return all((here[key] == there[key]) != (key == "thickness_m") for key in PLATE)
 
     def assumed(self, effects: Sequence[Effect]) -> Iterator[str]:
-        """Which beads and walls have to do with an assumed value where the lab states it of others."""
+        """One sentence for each parameter that is stated for some beads and walls and assumed for the others."""
         for effect in effects:
             for parameter in effect.parameters:
                 stated = {(c.bead.name, c.wall): self.stated_for(c, parameter) for c in self.conditions}
                 lacking = [f"{bead} on {wall}" for (bead, wall), value in stated.items() if value is None]
                 if parameter.assumed is not None and 0 < len(lacking) < len(stated):
                     yield (
-                        f"{effect.title}: too little is stated of {', '.join(lacking)}; {parameter.assumed[0]:g} is "
-                        f"taken for {parameter.name} there"
+                        f"{effect.title}: too little is stated of {', '.join(lacking)}; {parameter.name} = "
+                        f"{parameter.assumed[0]:g} is assumed there"
                     )
 
     def on_wall(self, name: str, wall: str, *, default: float) -> float:
-        """A number of the rig's geometry, stated once or in a table of the walls; the default where it is not."""
+        """A number of the rig's geometry, stated once or in a table of the walls; `default` if it is not stated."""
         value = self.geometry.get(name)
         if isinstance(value, Mapping):
             value = value.get(wall)
@@ -177,15 +179,15 @@ class TrackedLab:
             )
         return float(value)
 
-    def doubt(self, name: str, *, default: float) -> float:
+    def uncertainty(self, name: str, *, default: float) -> float:
         """Standard uncertainty that the rig's geometry states under this name, else the default; never zero."""
-        return stated_doubt(self.geometry, name, default)
+        return stated_uncertainty(self.geometry, name, default)
 
 
-def stated_doubt(table: Mapping[str, Any], name: str, default: float) -> float:
-    """A standard uncertainty, the default where the table states none.
+def stated_uncertainty(table: Mapping[str, Any], name: str, default: float) -> float:
+    """A stated standard uncertainty, or the default if the table states none.
 
-    Zero says that a quantity is known exactly, which a fit can take for known very well.
+    Zero means exactly known; it is replaced by a small positive value that a fit can use.
     """
     value = table.get(name, default)
     if not is_number(value):
@@ -194,10 +196,10 @@ def stated_doubt(table: Mapping[str, Any], name: str, default: float) -> float:
 
 
 def on_the_bench(rig: str, repetition: tuple[Track, ...]) -> tuple[Track, ...]:
-    """A repetition as the models take it: of two beads the one that is let go first, on a clock that starts at zero.
+    """A repetition as the models expect it: the released one of two beads first, and a clock that starts near zero.
 
-    Whichever bead a file lists first, the released one starts furthest from the middle.  A tilting arm's clock is left
-    as it is: its angle is stated for the moment zero.
+    The released bead is the one that starts furthest from the middle, whatever the order in the file.  The clock of a
+    tilting arm is kept, because the stated angle belongs to time zero.
     """
     if rig == "double":
         repetition = tuple(sorted(repetition, key=lambda track: -abs(start_of(track))))
@@ -208,34 +210,34 @@ def on_the_bench(rig: str, repetition: tuple[Track, ...]) -> tuple[Track, ...]:
 
 
 def need_repetitions(folder: Path, there: int, still: int = 0) -> None:
-    """Refuse a lab of few repetitions: in `still` more of them nothing moved."""
+    """Raise `BadInput` if a lab has too few repetitions, not counting `still` ones without motion."""
     if there < FEWEST:
         more = f", {still} more in which nothing moved" if still else ""
         raise BadInput(
             f"{folder}: {there} repetition{'' if there == 1 else 's'} in all{more}; at least {FEWEST} are needed to "
-            "tell an effect from scatter."
+            "separate an effect from scatter."
         )
 
 
 def start_of(track: Track) -> float:
-    """[m], x where a bead is before it is let go."""
+    """x [m] of a bead before its release."""
     return float(np.median(track.position[:5, 0]))
 
 
 def other_rates(conditions: Sequence[Condition], stated: Sequence[float | None]) -> Iterator[str]:
-    """Conditions whose rows do not follow one another at the rate [1/s] that is stated; times are taken as they are."""
+    """A warning for each condition whose rows contradict the stated frame rate [1/s]; the times are kept."""
     for condition, rate in zip(conditions, stated, strict=True):
         steps = [float(np.median(np.diff(track.time))) for each in condition.repetitions for track in each]
         found = 1 / float(np.median(steps))
         if rate is not None and abs(math.log(found / rate)) > OTHER_RATE:
             yield (
                 f"condition {condition.name}: a frame rate of {rate:g} Hz is stated, but its tracks have {found:.4g} "
-                "rows a second; time_s is believed: where the stated rate is right, all times are wrong by that factor"
+                "rows a second; time_s is used: if the stated rate is right, all times are wrong by that factor"
             )
 
 
 def _furthest(condition: Condition) -> float:
-    """[m] from the origin that a bead of the condition is seen at."""
+    """Largest coordinate [m] of any track of the condition."""
     return max(furthest_of(track) for repetition in condition.repetitions for track in repetition)
 
 

@@ -1,9 +1,9 @@
-"""Nested least squares: a rig's global unknowns together with the random start and impacts of every repetition.
+"""Nested least squares: global unknowns of a rig together with the releases and impacts of every repetition.
 
-The local unknowns of a repetition touch only its own data, so they are eliminated block by block (Schur complement).
-Scatter between impacts is a random effect: its standard deviation is estimated along with them, and the
-deviance integrates the local unknowns out (Laplace).  What the experimenter states with an uncertainty (scale, clock,
-roll, level, length) is an unknown with that prior: an effect may not take credit for it.
+The local unknowns of a repetition affect only its own data, so they are eliminated block by block (Schur complement).
+Scatter between impacts is a random effect: its standard deviation is estimated along with them, and the deviance
+integrates the local unknowns out (Laplace approximation).  Calibration quantities (scale, clock, roll, level, length)
+are unknowns with their stated uncertainties as priors, so that no effect gains by explaining a calibration error.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ class Fit:
     soft: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(R, S), deviations of the impacts from the contact law."""
     white: float = 1.0
-    """Squared differences of the residuals from row to row over twice their squares: 1 for noise that is white."""
+    """Mean squared difference of successive residuals over twice their mean square: 1 for white noise."""
     leverage: float = 0.0
-    """How many of the deviations the unknowns take up."""
+    """Effective number of fitted parameters."""
     jitter_std: float = math.nan  # [s]
     kicks: int = 0
-    """Impacts that the last of `scatter` speaks of."""
+    """Number of impacts behind the last entry of `scatter`."""
     by_run: Array = field(default_factory=lambda: np.zeros(0))
-    """(R,), each repetition's share of the deviance; the priors of the global unknowns are the rest of it."""
-    frame: float = math.nan  # [s], from row to row
+    """(R,), share of each repetition in the deviance; the rest are the priors of the global unknowns."""
+    frame: float = math.nan  # [s], median time step
 
     @property
     def per_row(self) -> float:
@@ -93,9 +93,10 @@ def fit(
 ) -> Fit:
     """Fit the baseline with `terms` added.
 
-    `near` starts from another fit's values; `start` sets single unknowns and lets releases and impacts be guessed anew,
-    `beside` sets them and keeps those of `near`; `use` is a mask over rows; `held` keeps the named unknowns at these
-    values.
+    `near`: another fit whose values are the starting point.  `start`: starting values by name; releases and impacts are
+    then guessed anew.  `beside`: starting values by name; releases and impacts of `near` are kept.  `local`: starting
+    values (R, L) of the local unknowns.  `use`: mask (N,) over rows.  `held`: values by name that are kept fixed.
+    `most`: largest number of steps.  `rounds`: largest number of updates of the scatter.
     """
     unknowns = tuple(bench.unknowns(terms))
     fixed = dict(held or {})
@@ -136,7 +137,7 @@ def fit(
             state.jitter, state.jitter_std = jitter_of(bench, linear, mask)
         same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
         linear = linearise(bench, terms, unknowns, state, mask)
-        # how impacts scatter is no question where nothing fits
+        # the scatter of impacts is meaningless where the model does not fit at all
         if same or linear.objective > HOPELESS * bench.rows.size:
             break
     linear = _above_zero(bench, terms, unknowns, state, mask, linear)
@@ -146,7 +147,7 @@ def fit(
 def _above_zero(
     bench: Bench, terms: Sequence[Effect], unknowns: tuple[Unknown, ...], state: State, mask: Array, linear: Linear
 ) -> Linear:
-    """The same fit with the unknowns whose sign says nothing above zero."""
+    """The same fit with a positive sign for unknowns on whose sign the prediction does not depend."""
     even = {f"{term.name}.{term.parameters[0].name}" for term in terms if term.even}
     below = [k for k, unknown in enumerate(unknowns) if unknown.name in even and state.values[k] < 0]
     if not below:
@@ -156,10 +157,9 @@ def _above_zero(
 
 
 def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
-    """What the fit `near` would come to with each of the candidates added, by one Newton step for all of them.
+    """Estimate the fit with each candidate added to `near`, by one Newton step for all of them.
 
-    Exact where the gain is small.  The gain leaves the scatter between impacts as it was, so it is never promised too
-    much.
+    Exact where the gain is small.  The scatter between impacts is kept, so the gain is not overestimated.
     """
     smooth = [term for term in candidates if not term.flat and term.geometry != "jitter"]
     every = tuple(bench.unknowns((*near.terms, *smooth)))
@@ -186,7 +186,7 @@ def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
         pull = scores[:, at].sum(0) + tie * (np.array([u.prior for u in unknowns]) - values)
         scale = np.sqrt(np.maximum(np.diag(block), NOTHING))
         inverse = np.linalg.inv(block / np.outer(scale, scale) + 1e-12 * np.eye(len(at))) / np.outer(scale, scale)
-        # a calibration quantity that is set free no longer pays for being far from what was stated
+        # without its prior a calibration quantity has no penalty for its distance from the stated value
         lifted = sum(near.pulls.get(u.name, 0.0) ** 2 for u in unknowns if math.isinf(u.sd))
         found.append(
             replace(
@@ -199,7 +199,7 @@ def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
 
 
 def _robust(scores: Array, inverse: Array, tie: Array) -> Array:
-    """Standard deviations from the scatter of the scores between repetitions, and from what is stated (`tie`)."""
+    """Robust (sandwich) standard deviations from the scatter of the scores between repetitions and priors (`tie`)."""
     repetitions = len(scores)
     centred = scores - scores.mean(0)
     meat = centred.T @ centred * repetitions / max(repetitions - 1, 1)
@@ -207,11 +207,11 @@ def _robust(scores: Array, inverse: Array, tie: Array) -> Array:
 
 
 def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
-    """As `screen`, for one effect that has no slope at zero or that only widens the noise."""
+    """As `screen`, for one effect whose derivative vanishes at zero, or that only widens the noise."""
     unknowns = tuple(bench.unknowns(terms))
     known = {unknown.name: value for unknown, value in zip(near.unknowns, near.values, strict=True)}
     flat = {f"{term.name}.{term.parameters[0].name}" for term in terms if term.flat}
-    # an effect that has no slope at zero is looked at from a little beside it
+    # an effect whose derivative vanishes at zero is evaluated at a small value
     values = np.array([known.get(u.name, 0.5 * u.step if u.name in flat else u.start) for u in unknowns])
     state = State(near.local.copy(), values, near.scatter.copy(), near.jitter)
     mask, free = np.ones(len(bench.rows), dtype=bool), np.ones(len(unknowns), dtype=bool)
@@ -298,7 +298,7 @@ def _finished(
 
 
 def _frame(bench: Bench) -> float:
-    """[s], from row to row, as most are."""
+    """Median time step [s] between rows."""
     steps = np.diff(bench.time)
     return float(np.median(steps[steps > 0])) if np.any(steps > 0) else math.nan
 
@@ -321,7 +321,7 @@ def _by_run(bench: Bench, state: State, mask: Array, linear: Linear) -> Array:
 
 def _whiteness(bench: Bench, residual: Array) -> float:
     body = getattr(bench, "body", np.zeros(len(residual), dtype=int))
-    # the rows of one bead in one repetition follow each other
+    # differences only within one bead and one repetition
     follows = (bench.owner[1:] == bench.owner[:-1]) & (body[1:] == body[:-1])
     change = (residual[1:] - residual[:-1])[follows]
     return float(np.mean(change**2) / max(2 * np.mean(residual**2), 1e-300)) if follows.any() else 1.0

@@ -1,4 +1,4 @@
-"""How widely impacts scatter and how unevenly frames are spaced: what widens the noise, as the data have it."""
+"""Estimate the scatter of impacts and the jitter of timestamps."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State
 from rigtwin.lab.arrays import Array
 
-LEAST_SCATTER = 1e-3  # of a restitution or a rebound direction: smaller is not believed
-LEAST_TOLD = 0.2  # share of the deviations that the data determine, at least, in one step of the scatter
+LEAST_SCATTER = 1e-3  # smallest standard deviation of a restitution or a rebound direction
+LEAST_DETERMINED = 0.2  # smallest share of deviations that count as determined by the data, in one update
 
 
 def expect_scatter(bench: Bench, state: State, linear: Linear, most: Array) -> None:
-    """Squared deviations over as many of them as the data determine (MacKay 1992).
+    """Update the scatter in `state`: squared deviations over the number that the data determine (MacKay 1992).
 
-    The fixed point is that of expectation-maximisation, which takes dozens of steps to a small scatter.
+    The fixed point is that of expectation-maximisation, which needs dozens of steps to reach a small scatter.
     """
     if not len(state.scatter):
         return
@@ -26,16 +26,17 @@ def expect_scatter(bench: Bench, state: State, linear: Linear, most: Array) -> N
     for h in range(len(state.scatter)):
         mine = bench.scatter == h
         if mine.any():
-            told = 1.0 - np.minimum(variance[mine] / state.scatter[h] ** 2, 1.0)
-            square = float(np.sum(linear.soft[mine] ** 2) / max(float(np.sum(told)), LEAST_TOLD * told.size))
+            known = 1.0 - np.minimum(variance[mine] / state.scatter[h] ** 2, 1.0)
+            square = float(np.sum(linear.soft[mine] ** 2) / max(float(np.sum(known)), LEAST_DETERMINED * known.size))
             state.scatter[h] = max(min(math.sqrt(square), float(most[h])), LEAST_SCATTER)
 
 
 def jitter_of(bench: Bench, linear: Linear, mask: Any) -> tuple[float, float]:
-    """[s], the timestamp jitter that makes the residuals along the path most likely, and its standard deviation.
+    """Maximum-likelihood timestamp jitter [s] and its standard deviation [s].
 
-    Differences from row to row: jitter differs from frame to frame, a misfit of the model hardly does.  The noise of a
-    bead at rest is fitted along with it: what was found from the tracks themselves holds part of the jitter.
+    Uses differences of the residuals from row to row: jitter changes from frame to frame, a misfit of the model hardly
+    does.  The noise of a bead at rest is fitted too, because the noise estimated from the tracks contains part of the
+    jitter.
     """
     from scipy.optimize import minimize
 
@@ -65,7 +66,7 @@ def jitter_of(bench: Bench, linear: Linear, mask: Any) -> tuple[float, float]:
             for i in np.eye(2)
         ]
     ) / (8 * h * h)  # fmt: skip
-    # half of the badness is the log of the likelihood; neighbouring differences share a row
+    # half of `badness` is the negative log-likelihood; neighbouring differences share a row, hence the factor
     variance = np.linalg.pinv(bend)[0, 0] * 1.5
     tau = math.exp(float(found.x[0]))
     return tau, tau * math.sqrt(max(float(variance), 0.0))

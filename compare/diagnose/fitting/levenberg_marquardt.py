@@ -1,4 +1,4 @@
-"""Levenberg and Marquardt's descent, local unknowns eliminated repetition by repetition."""
+"""Levenberg-Marquardt descent with the local unknowns of each repetition eliminated."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
-FAR, FAR_WORTH = 3.0, 3e-5  # squared deviation per coordinate beyond which a model is no description
-HOPELESS, HOPELESS_WORTH = 100.0, 5e-3
-IDLE = 4  # steps in a row that change nothing, after which none will: what is integrated in steps is not quite smooth
+FAR, FAR_WORTH = 3.0, 3e-5  # reduced chi-square above which a model fits badly, and relative gain that ends its descent
+HOPELESS, HOPELESS_WORTH = 100.0, 5e-3  # the same for a model that does not fit at all
+IDLE = 4  # successive steps without gain that end the descent; integration in steps makes the objective slightly rough
 DAMPED, FREE = 1e-4, 1e-9
-"""Of the information on each unknown, added at first where a model is far off, and in the end: what the data say of
-two calibration quantities that stand for each other is a millionth of what they say of either."""
-NOTHING = 1e-120  # information on an unknown of which the data say nothing
+"""Relative damping at the start for a bad model, and at the end.  The final value is small because the information that
+separates two interchangeable calibration quantities is a millionth of the information on either."""
+NOTHING = 1e-120  # floor of the information on an unknown, avoids division by zero
 
 
 def descend(
@@ -30,13 +30,13 @@ def descend(
     linear: Linear,
     most: int,
 ) -> tuple[Linear, bool]:
-    """Levenberg-Marquardt with the scatter held; changes `state`."""
+    """Levenberg-Marquardt descent at fixed scatter; changes `state`.  Returns last point and whether it converged."""
     refused, idle = False, 0
     damping = DAMPED if linear.objective > FAR * bench.rows.size else FREE
     low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
     for _ in range(most):
         step_local, step_global = newton_step(unknowns, state, free, linear, damping)
-        # an unknown that stands at its limit stays there: the others must not count on its going further
+        # unknowns at a limit that would cross it are held, and the step of the others is computed without them
         held = ((state.values <= low) & (step_global < 0)) | ((state.values >= high) & (step_global > 0))
         if held.any():
             step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), linear, damping)
@@ -52,7 +52,7 @@ def descend(
         idle = idle + 1 if abs(gain) < small else 0
         if gain >= 0:
             state.local, state.values, linear = trial.local, trial.values, tried
-            # a step just refused at less damping would be refused again
+            # with less damping a step that was just refused would be refused again
             damping = damping if refused else max(damping / 10, FREE)
             if idle >= IDLE or (idle and damping <= FREE):
                 return linear, True
@@ -69,7 +69,7 @@ def descend(
 
 
 def _worth(per_row: float) -> float:
-    """The relative gain for which another step is worth while: how badly a model fails is of no use to the digit."""
+    """Relative gain below which the descent ends; the misfit of a bad model is not needed precisely."""
     return HOPELESS_WORTH if per_row > HOPELESS else FAR_WORTH if per_row > FAR else 1e-7
 
 

@@ -1,4 +1,4 @@
-"""A rig's objective and its normal equations at one setting of all unknowns."""
+"""Objective of a rig's fit and its normal equations at given values of all unknowns."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
-BLOCK = 128  # rows
+BLOCK = 128  # rows in one matrix product
 
 
 class Bench(Moving, Protocol):
-    """A rig with its data, as the fit sees it."""
+    """A rig with its data: the part that the fit needs."""
 
     sigma: Array  # [m], (N,)
     local_prior: Array  # (R, L)
     local_sd: Array  # (R, L)
-    scatter: Array  # (R, S) index of the scatter that a soft row belongs to, -1 where there is none
+    scatter: Array  # (R, S) index of the scatter parameter of each deviation, -1 for none
     scatter_start: Array  # (H,)
-    scatter_most: Array  # (H,), what the scatter of an ordinary lab stays below
+    scatter_most: Array  # (H,), upper limit of the scatter without an effect that widens it
     condition: Array  # (R,) number of the condition of each repetition
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]: ...
@@ -44,7 +44,7 @@ class State:
 
 @dataclass
 class Linear:
-    """Everything at one point: the objective and its normal equations."""
+    """Objective, residuals and normal equations at one point."""
 
     objective: float
     chi2: float
@@ -67,7 +67,7 @@ def linear_at(
     return linearise(bench, terms, unknowns, state, np.ones(len(bench.rows), dtype=bool))
 
 
-@np.errstate(all="ignore")  # a step too far may overflow; it is then refused as one that fits infinitely badly
+@np.errstate(all="ignore")  # too large a step may overflow; its objective is then infinite and the step is refused
 def linearise(bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown], state: State, mask: Array) -> Linear:
     """Residuals and normal equations at a state."""
     repetitions, size = state.local.shape
@@ -116,7 +116,7 @@ def linearise(bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown]
 
 
 def _gram(j: Array) -> Array:
-    """j @ j.T, in blocks so small that the library starts no threads: those cost more than they bring here."""
+    """j @ j.T in blocks too small for the BLAS library to start threads, which cost more than they save here."""
     even = j.shape[1] // BLOCK * BLOCK
     blocks = j[:, :even].reshape(len(j), -1, BLOCK).swapaxes(0, 1)
     rest = j[:, even:]
@@ -124,14 +124,14 @@ def _gram(j: Array) -> Array:
 
 
 def noise(bench: Bench, seen: Slopes, jitter: float) -> Array:
-    """[m], (N, 1) or (N, 2): the noise of each coordinate."""
+    """Standard deviation [m] of each coordinate, shape (N, 1), or (N, 2) with jitter."""
     if jitter == 0.0:
         return bench.sigma[:, None]
     return np.sqrt(bench.sigma[:, None] ** 2 + (jitter * seen.speed) ** 2)
 
 
 class Regioned(Bench, Protocol):
-    """A bench that can say in which region of the motion each row lies."""
+    """A bench with the region of the motion of each row."""
 
     region: Any  # (N,) number of the region, -1 for none
     region_names: Sequence[str]

@@ -1,4 +1,4 @@
-"""The doubt of an effect's coefficient: from the fit, and from sizes that are only known so well."""
+"""Standard uncertainty of the coefficients of an effect, from the fit and from the stated uncertainty of the sizes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rigtwin.compare.diagnose.data.tracked_lab import Bead, TrackedLab
 from rigtwin.compare.diagnose.fitting.fit import Fit
 from rigtwin.sim.effects import Effect
 
-SPEED = 1.0  # [m/s], at which forces are compared
-HIGH = 1.0  # [m] above the plate
+SPEED = 1.0  # [m/s], speed at which forces are compared
+HIGH = 1.0  # [m], height above the plate at which forces are compared
 
 
 def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[str, dict[str, Any]]:
-    """Value, standard deviation and unit of each coefficient."""
+    """Value, standard uncertainty and unit of each coefficient, by name."""
     found: dict[str, dict[str, Any]] = {}
     for term in terms:
         for parameter in term.parameters:
@@ -48,9 +48,9 @@ def parameters(lab: TrackedLab, fitted: Fit, terms: Sequence[Effect]) -> dict[st
 
 
 def _by_size(lab: TrackedLab, fitted: Fit, term: Effect) -> float:
-    """Relative doubt of a force's coefficient from the stated doubt of the diameter of the bead that it moves most.
+    """Relative uncertainty of a force's coefficient from the diameter uncertainty of the bead that it moves most.
 
-    Nothing where the diameter that the force acts on is an unknown of the fit: its doubt is in the coefficient's then.
+    Zero where that diameter is an unknown of the fit: the covariance of the fit then contains its uncertainty.
     """
     if term.force is None or len(term.parameters) != 1:
         return 0.0
@@ -67,7 +67,7 @@ def _by_size(lab: TrackedLab, fitted: Fit, term: Effect) -> float:
 
 
 def _force(term: Effect, bead: Bead, radius: float) -> float:
-    """[N], of a bead at 1 m/s that is 1 m up."""
+    """Force [N] on a bead at the speed and height above."""
     assert term.force is not None
     fx, fy = term.force(SPEED, 0.0, HIGH, radius, bead.mass, term.parameters[0].typical)
     return math.hypot(fx, fy)

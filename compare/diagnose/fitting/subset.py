@@ -1,4 +1,4 @@
-"""A bench with some of its repetitions and every n-th of their rows: for a first look, and for data held out."""
+"""Restrict a bench to some repetitions and every n-th row, for screening and for held-out data."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rigtwin.compare.diagnose.fitting.fit import Fit
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.lab.arrays import Array
 
-ENOUGH_ROWS, ENOUGH_RUNS = 100, 12  # per repetition, in all, to see a strong effect
+ENOUGH_ROWS, ENOUGH_RUNS = 100, 12  # rows per repetition and repetitions in all, enough to detect a strong effect
 
 PER_RUN = ("condition", "radius", "mass", "local_prior", "local_sd", "scatter")
 PER_ROW = ("time", "rows", "sigma", "region")
 
 
 def subset(bench: Regioned, chosen: Sequence[int], every: int = 1) -> Regioned:
-    """The same bench with the repetitions of these numbers, and every n-th row of each body."""
+    """The bench restricted to the repetitions `chosen` and to every n-th row of each body."""
     part: Any = copy.copy(bench)
     whole: Any = bench
     bodies = whole.bodies
@@ -44,7 +44,7 @@ def subset(bench: Regioned, chosen: Sequence[int], every: int = 1) -> Regioned:
 
 
 def coarse(bench: Regioned) -> tuple[Regioned, list[int]]:
-    """Few repetitions of each condition and few rows of each: where the disagreement is large, that is plenty."""
+    """A small part of the data, enough where the disagreement is large, and the numbers of its repetitions."""
     conditions = len(bench.condition_names)
     chosen: list[int] = []
     for c in range(conditions):
@@ -55,7 +55,7 @@ def coarse(bench: Regioned) -> tuple[Regioned, list[int]]:
 
 
 def cut(fitted: Fit, chosen: Sequence[int], values: Array | None = None) -> Fit:
-    """A fit's unknowns for these repetitions alone, to start from."""
+    """A fit restricted to the repetitions `chosen`, as a starting point."""
     return replace(
         fitted, local=fitted.local[np.asarray(chosen, dtype=int)], values=fitted.values if values is None else values
     )

@@ -1,4 +1,4 @@
-"""The camera in the model: a suspect like any other, with what the experimenter states of it as its prior."""
+"""The camera in the model: calibration errors as unknowns with their stated uncertainties as priors."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ CALIBRATED = ("frame_rate_error", "scale_error", "camera_roll")
 
 
 def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str, float]) -> list[Unknown]:
-    """Unknowns of the calibration with their stated uncertainty, and of the terms.
+    """Unknowns of the calibration with their stated standard uncertainties, and those of the terms.
 
-    `more` holds the rig's own calibration effects and their standard deviations.  A calibration quantity that is itself
-    a term is set free: its prior is lifted.
+    `more` maps the rig's own calibration effects to their standard uncertainties.  A calibration quantity that is
+    itself a term has no prior.
     """
     camera = lab.camera
     stated = {
@@ -66,12 +66,12 @@ def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str,
 
 
 def _wide(low: float, high: float) -> float:
-    # the fit may leave the physical range, so that an effect of the wrong sign is seen as such and refused
+    # the fit may leave the physical range, so that an effect of the wrong sign is found and refused
     return low - (high - low)
 
 
 def is_camera(name: str, terms: Sequence[Effect]) -> bool:
-    """Whether an unknown acts between the motion and the picture alone."""
+    """Whether an unknown changes only the picture of the motion, not the motion."""
     effect = name.split(".", maxsplit=1)[0]
     return effect in CALIBRATED or any(
         term.name == effect and (term.view is not None or term.exposure is not None) for term in terms
@@ -79,7 +79,7 @@ def is_camera(name: str, terms: Sequence[Effect]) -> bool:
 
 
 def exposed(time: Array, rows: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Array:
-    """[s], (settings, rows): the true time of each row.  The observed place serves for a shutter's delay."""
+    """True time [s] of each row, shape (settings, rows).  A shutter's delay is computed at the observed position."""
     true = np.asarray(time)[None]
     for effect in _once("exposure", terms):
         own = [values[f"{effect.name}.{p.name}"][:, None] for p in effect.parameters]
@@ -89,7 +89,7 @@ def exposed(time: Array, rows: Array, values: Mapping[str, Array], terms: Sequen
 
 
 def viewed(x: Array, y: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> tuple[Array, Array]:
-    """[m] where the camera sees what is at x, y."""
+    """Position [m] at which the camera sees the point x, y."""
     for effect in _once("view", terms):
         own = [values[f"{effect.name}.{p.name}"][:, None] for p in effect.parameters]
         assert effect.view is not None

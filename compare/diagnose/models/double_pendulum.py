@@ -1,7 +1,7 @@
-"""Pendulums that strike, as the diagnosis sees them: bead A against bead B, or a bead against an upright wall.
+"""Reduced model of colliding pendulums: bead A against bead B, or a bead against a vertical wall.
 
 World axes: x right, y up; origin midway between the two pivots, or at the pivot.  A hangs on the left and is released
-to the left; the wall stands to the left of a bead released to the right.
+to the left; the wall is to the left of a bead released to the right.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing_and_collide import angles_at, swing_and_hit
 
-MOST_IMPACTS = 7
-HANGS = 5e-4  # [rad], how far off the vertical the waiting bead may hang
-FIRST_GUESS = 0.65  # of a restitution
-PIVOTS = 1e-4  # [m], how well the pivots stand where they should
+MOST_IMPACTS = 7  # largest number of impacts with a restitution of their own
+HANGS = 5e-4  # [rad], standard uncertainty of the rest angle of the waiting bead
+FIRST_GUESS = 0.65  # starting value of a restitution
+PIVOTS = 1e-4  # [m], standard uncertainty of the pivot spacing where none is stated
 
 
 class DoubleBench(Runs):
-    """All repetitions of a lab of two pendulums, or of one against a wall."""
+    """All repetitions of a lab with two pendulums, or one pendulum and a wall."""
 
     onset = 0
     small = SMALL
@@ -52,9 +52,9 @@ class DoubleBench(Runs):
         numbers = [k % self.bodies for k, (_, _, track) in enumerate(self.runs) for _ in track.time]
         self.body: Any = np.array(numbers)
         count = len(self.conditions)
-        doubt = math.radians(lab.doubt("release_angle_uncertainty_deg", default=0.3))
+        release_sd = math.radians(lab.uncertainty("release_angle_uncertainty_deg", default=0.3))
         ends = np.array([float(self.time[span].max()) for span in self.spans])
-        # a contact each half period, the first after a quarter
+        # one contact every half period, the first after a quarter period
         half = math.pi * np.sqrt(self.length / lab.gravity)
         seen = np.clip(((ends - 0.05 - half / 2) / half + 0.9).astype(int), 1, MOST_IMPACTS)
         self.impacts = int(seen.max())
@@ -67,7 +67,7 @@ class DoubleBench(Runs):
         self.local_sd = np.concatenate(
             [
                 np.full((count, 1), 10.0),
-                doubt * shared(self.condition)[:, None],
+                release_sd * shared(self.condition)[:, None],
                 waits,
                 np.where(self.active, np.inf, 1e-3),
             ],
@@ -79,22 +79,22 @@ class DoubleBench(Runs):
         self.scatter_most = np.full(len(self.pairs), np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
-        """Restitution of each pair, the threads' lengths and the calibration with their priors."""
+        """Restitution of each pair, thread lengths and calibration with their priors."""
         own = [Unknown(f"restitution.{pair}", FIRST_GUESS, 0.05, low=0.01, high=1.2) for pair in self.pairs]
-        doubt = self.lab.doubt("length_uncertainty_m", default=5e-4)
+        length_sd = self.lab.uncertainty("length_uncertainty_m", default=5e-4)
         bodies = "A" if self.wall else "AB"
         threads = [
-            Unknown(f"length.{body}.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt, low=-0.02, high=0.02)
+            Unknown(f"length.{body}.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * length_sd, low=-0.02, high=0.02)
             for length in self.lengths
             for body in bodies
         ]
         if not self.wall:
-            set_up = self.lab.doubt("pivot_spacing_uncertainty_m", default=PIVOTS)
+            set_up = self.lab.uncertainty("pivot_spacing_uncertainty_m", default=PIVOTS)
             own += [*self.beads.unknowns(), *self.beads.unknowns("pivots", set_up)]
         if self.wall:
-            level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
+            level = math.radians(self.lab.uncertainty("plate_level_uncertainty_deg", default=0.1))
             own.append(Unknown("wall.angle", 0.0, 1e-3, sd=level, low=-0.1, high=0.1))
-        return [*own, *threads, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
+        return [*own, *threads, *camera_unknowns(self.lab, terms, {"length_error": length_sd})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
         """Release time from the moment A's angle has fallen by a tenth."""
@@ -111,12 +111,12 @@ class DoubleBench(Runs):
         return guess
 
     def horizons(self) -> list[Any]:
-        """The first contact first, then the second."""
+        """Masks (N,) of rows up to the first and the second contact, fitted first."""
         half = (math.pi * np.sqrt(self.length / self.lab.gravity))[self.owner]
         return [self.time < 0.9 * half + 0.05, self.time < 1.9 * half + 0.05]
 
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
-        """Swing and strike all repetitions for a stack of settings."""
+        """Motion of all repetitions for a stack of settings."""
         reach = [self._lengths("A", values), self._lengths("A" if self.wall else "B", values)]
         gravity = self.lab.gravity
         wider = self._of_bead("diameter", values)
@@ -143,19 +143,19 @@ class DoubleBench(Runs):
         )
         angle, rate = angles_at(motion, since, self.owner, self.body)
         thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])
-        aside = np.where(self.body == 0, -1.0, 1.0)
-        offset = 0.0 if self.wall else aside * (self.radius + 0.5 * apart)[:, self.owner]
+        pivot_side = np.where(self.body == 0, -1.0, 1.0)
+        offset = 0.0 if self.wall else pivot_side * (self.radius + 0.5 * apart)[:, self.owner]
         x, y = offset + thread * np.sin(angle), -thread * np.cos(angle)
         speed = thread[0] * rate[0]
         soft = np.where(self.active, local[..., 3:] - law(np.moveaxis(motion.speeds, 0, -1)), 0.0)
         return Moved(x, y, speed * np.cos(angle[0]), speed * np.sin(angle[0]), soft)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
-        """The law moves the beads after the impacts that are followed one by one."""
+        """Always False: the contact law sets the motion after the impacts that have their own restitution."""
         return False
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Restitutions belong to a pair, lengths of either thread to their conditions."""
+        """A restitution acts in the repetitions of its pair, a length in those of its conditions."""
         kind, _, rest = name.partition(".")
         if kind == "restitution":
             return kind, self.pair == self.pairs.index(rest)
@@ -171,20 +171,20 @@ class DoubleBench(Runs):
         return self.length + own + values["length_error.offset"][:, None]
 
     def _of_bead(self, kind: str, values: Mapping[str, Array]) -> Array:
-        """[m], by how much the diameters or the pivots' distance are off in each repetition."""
+        """Error [m] of the diameters or of the pivot spacing in each repetition."""
         if self.wall:
             return np.zeros((1, 1))
         return self.beads.of(kind, values, self.bead)
 
     def restitutions(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """That of each pair, before any effect."""
+        """Restitution of each pair, before any effect."""
         return {pair: values[f"restitution.{pair}"] for pair in self.pairs}
 
     def _laws(self, values: Mapping[str, Array]) -> Array:
         return np.stack(list(self.restitutions(values).values()), axis=-1)[:, self.pair]
 
     def _law(self, laws: Array, values: Mapping[str, Array], terms: Sequence[Effect], speed: Array) -> Array:
-        """The restitution at each of the speeds (settings, R, impacts) [m/s]."""
+        """Restitution of the law at each speed [m/s], shape (settings, R, impacts)."""
         e = laws[..., None] + 0 * speed
         for term in terms:
             if term.restitution is not None:
@@ -194,7 +194,7 @@ class DoubleBench(Runs):
 
 
 class _Contacts:
-    """Where the surfaces are and what an impact does, for one stack of settings."""
+    """Gap between the surfaces and change of the velocities in an impact, for one stack of settings."""
 
     def __init__(
         self,
@@ -206,7 +206,7 @@ class _Contacts:
         room: tuple[Array, Array],
     ) -> None:
         self.bench, self.local, self.reach, self.law, self.stands = bench, local, reach, law, stands
-        # [m], beyond a stated diameter: from pivot to pivot, and between the beads when both hang straight
+        # [m], error of the pivot spacing, and gap between the beads at rest
         self.apart, self.play = room
 
     def gap(self, a: Array, b: Array, u: Array, v: Array) -> tuple[Array, Array]:
@@ -214,11 +214,11 @@ class _Contacts:
             return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
         x, y, _ = self._between(a, b)
         left, right = self.reach[0] * u, self.reach[1] * v
-        # along x alone: the distance of the centres no longer falls where one bead is half way through the other
+        # the gap is measured along x: the distance of the centres grows again once one bead is half through the other
         touch = 2 * self.bench.radius + self.apart - self.play
-        aside = np.sqrt(np.maximum(touch**2 - y**2, (0.1 * touch) ** 2))
-        closing = right * np.cos(b) - left * np.cos(a) + y / aside * (right * np.sin(b) - left * np.sin(a))
-        return x - aside, closing
+        contact_x = np.sqrt(np.maximum(touch**2 - y**2, (0.1 * touch) ** 2))
+        closing = right * np.cos(b) - left * np.cos(a) + y / contact_x * (right * np.sin(b) - left * np.sin(a))
+        return x - contact_x, closing
 
     def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array) -> tuple[Array, Array, Array]:
         impacts = self.bench.impacts
@@ -238,7 +238,7 @@ class _Contacts:
         return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
 
     def _after(self, own: Array, followed: Array, speed: Array) -> Array:
-        """The impact's own restitution; that of the law at its speed where it is not followed one by one."""
+        """The impact's own restitution, or that of the law at its speed for impacts without their own."""
         if followed.all():
             return own
         return np.where(followed, own, self.law(np.maximum(speed, 1e-3)[..., None])[..., 0])

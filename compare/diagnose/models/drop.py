@@ -1,7 +1,7 @@
-"""The drop test as the diagnosis sees it: flights integrated, impacts exact, every impact free to scatter.
+"""Reduced model of the drop test: integrated flights, instantaneous impacts, and scatter at every impact.
 
-Each repetition has its own release (time, place, sideways speed) and, at each impact, its own speed after it along and
-across the plate.  The restitution and the rebound direction that follow are random effects around the contact law.
+Each repetition has its own release (time, position, horizontal speed) and, at each impact, its own speed after the
+impact along and across the plate.  The restitutions and rebound directions are random effects around the contact law.
 World axes: x right, y up, origin on the plate.
 """
 
@@ -26,13 +26,13 @@ from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect, named
 from rigtwin.sim.reduced import flight
 
-SIDEWAYS = 0.006  # [m/s], of a release, where the lab states nothing
-LONGER = 1.3  # times the flight before: no bounce is that lively, whatever the plate's slope does
-RISES = 8.0  # noises: a bead that is seen to move less after an impact lies there
+SIDEWAYS = 0.006  # [m/s], standard uncertainty of the horizontal release speed where the lab states none
+LONGER = 1.3  # duration over that of the flight before, above which one of two impacts is false
+RISES = 8.0  # height range, in units of the noise, below which a bead is at rest after an impact
 ONE_MATERIAL = 0.015
-"""Standard deviation between the restitutions of a bead on two plates of one material, what bends away apart.  Assumed:
-two pieces differ in finish, and hardly by more than one impact differs from the next."""
-FRICTION = 0.35  # sliding friction where the lab states none; acts only on fast spin
+"""Standard deviation between the restitutions of a bead on two plates of one material, apart from the bending of the
+plates.  Assumed: two pieces differ in finish, and hardly by more than the scatter from impact to impact."""
+FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
 
 
 class DropBench:
@@ -95,11 +95,11 @@ class DropBench:
             ],
             axis=1,
         )
-        tall = lab.doubt("drop_height_uncertainty_m", default=5e-4)
-        # an impact that was not filmed is tied to its prior alone
+        tall = lab.uncertainty("drop_height_uncertainty_m", default=5e-4)
+        # an impact that was not filmed is held by its prior
         unseen = np.where(self.active, np.inf, 1e-3)
-        aside = lab.doubt("release_sideways_speed_m_s", default=SIDEWAYS)
-        self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, aside], (repetitions, 1)), unseen, unseen], axis=1)
+        side_sd = lab.uncertainty("release_sideways_speed_m_s", default=SIDEWAYS)
+        self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, side_sd], (repetitions, 1)), unseen, unseen], axis=1)
         self.local_sd[:, 2] *= shared(self.condition)
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost)])
         pairs = len(self.pairs)
@@ -110,19 +110,19 @@ class DropBench:
         self.scatter_most = np.array([*([np.inf] * pairs), named("odd_shape").parameters[0].least])
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
-        """Restitution of each pair, the calibration quantities with their priors, and the terms' coefficients."""
+        """Restitution of each pair, calibration quantities with their priors, and coefficients of the terms."""
         own = [
             Unknown(f"restitution.{pair}", 0.5, 0.05, low=0.01, high=1.2)
             if like == number
             else Unknown(f"restitution_beside.{pair}", 0.0, 0.05, sd=ONE_MATERIAL, low=-1.0, high=1.0)
             for number, (pair, like) in enumerate(zip(self.pairs, self.like, strict=True))
         ]
-        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
+        level = math.radians(self.lab.uncertainty("plate_level_uncertainty_deg", default=0.1))
         priors = {"plate_tilt": level}
         return [*own, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, priors)]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
-        """Release and impacts read off the tracks themselves: speed jumps, times between them, slopes."""
+        """Starting values (R, L) of releases and impacts, from jumps of speed, times between them, and slopes."""
         clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
         gravity = self.lab.gravity
         guess = self.local_prior.copy()
@@ -155,8 +155,8 @@ class DropBench:
     ) -> Mechanics:
         """The motion and its derivatives.
 
-        A flight depends on its own start alone; what came before shifts its beginning.  So every flight is flown again
-        only for its two start speeds, the height of the fall, and each unknown that acts in flight.
+        A flight depends only on its own start; earlier flights shift its beginning.  So each flight is integrated
+        again only for its two start speeds, the height of the fall, and each unknown that acts in flight.
         """
         n, size = self.impacts, local.shape[1]
         flown = [k for k, u in enumerate(unknowns) if self._in_flight(u.name, terms)]
@@ -198,7 +198,7 @@ class DropBench:
         s0, c0 = float(sine[0, 0, 0]), float(cosine[0, 0, 0])
 
         def column(k: int, leg: int, weights: tuple[float, float, float], shift: tuple[float, float]) -> None:
-            """A local unknown that changes the start of one flight: that flight, and where and when the next begin."""
+            """Derivatives for a local unknown that changes the start of one flight and so shifts the later ones."""
             here, later = number == leg, number > leg
             move = sum(w * one for w, one in zip(weights, within, strict=True)) + np.array(shift)
             land = sum(w * one.place[:, leg] for w, one in zip(weights, onward, strict=True)) + np.array(shift)
@@ -218,7 +218,7 @@ class DropBench:
         return Mechanics(x[0], y[0], u[0], v[0], soft, by_row, by_soft)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Restitutions belong to a pair, or to all of one material; diameters to a bead."""
+        """A restitution acts in the repetitions of its pair or of pairs of one material, a diameter in its bead's."""
         kind, _, rest = name.partition(".")
         if kind == "diameter":
             return kind, self.bead == self.beads.names.index(rest)
@@ -227,14 +227,14 @@ class DropBench:
         return (kind, self.pair == self.pairs.index(rest)) if kind == "restitution_beside" else None
 
     def _in_flight(self, name: str, terms: Sequence[Effect]) -> bool:
-        """Whether a global unknown changes how a bead flies, rather than the law of an impact or the picture."""
+        """Whether a global unknown changes the flight of a bead, and not only the contact law or the picture."""
         effect = name.split(".", maxsplit=1)[0]
         if effect in ("plate_tilt", "release_speed", "diameter"):
             return True
         return any(term.name == effect and term.force is not None for term in terms)
 
     def _starts(self, local: Array, values: Mapping[str, Array]) -> tuple[Array, Array, Array, Array, Array]:
-        """Speeds at the start of each flight, the height to fall through, and the plate's sine and cosine."""
+        """Speeds [m/s] at the start of each flight, height of fall [m], and sine and cosine of the plate's tilt."""
         n = self.impacts
         tilt = values["plate_tilt.angle"][:, None, None]
         sine, cosine = np.sin(tilt), np.cos(tilt)
@@ -250,7 +250,7 @@ class DropBench:
         return vx, vy, np.concatenate([np.maximum(fall, 1e-5), np.zeros_like(up)], axis=2), sine, cosine
 
     def _laid_out(self, local: Array, paths: flight.Paths, settings: int) -> tuple[Array, Array, Array]:
-        """When [s] and where [m] each flight begins."""
+        """Time [s] and position [m] of the beginning of each flight."""
         n = self.impacts
         found = []
         for first, legs in ((local[:, 0], paths.duration), (local[:, 1], paths.land_x), (local[:, 2], paths.land_y)):
@@ -263,7 +263,7 @@ class DropBench:
         self, unknowns: Sequence[Unknown], terms: Sequence[Effect], local: Array, values: Array, paths: flight.Paths,
         onward: Sequence[_Onward], flown: Sequence[int], by_soft: Array,
     ) -> Array:  # fmt: skip
-        """Deviations of the impacts from the contact law; their derivatives are put into `by_soft`."""
+        """Deviations of the impacts from the contact law; writes their derivatives into `by_soft`."""
         n, size = self.impacts, local.shape[1]
         count = size + len(unknowns)
         locals_ = np.repeat(local[None], 1 + count, axis=0)
@@ -306,7 +306,7 @@ class DropBench:
         sine: Array,
         cosine: Array,
     ) -> Array:
-        """How far each impact is from the contact law: in restitution, and sideways per impact speed."""
+        """Deviation of each impact from the contact law: in restitution, and in horizontal speed over impact speed."""
         n = self.impacts
         land_vx, land_vy = landing
         speed_in = np.maximum(land_vx * sine - land_vy * cosine, 1e-3)[..., :n]
@@ -330,7 +330,7 @@ class DropBench:
         return np.concatenate([bounce, np.where(self.active, sideways / speed_in, 0.0)], axis=2)
 
     def restitutions(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """That of each pair, before any effect."""
+        """Restitution of each pair, before any effect."""
         found: dict[str, Any] = {}
         for number, (pair, like) in enumerate(zip(self.pairs, self.like, strict=True)):
             first = values[f"restitution.{self.pairs[like]}"]
@@ -339,7 +339,7 @@ class DropBench:
 
 
 def _alike(lab: TrackedLab) -> list[int]:
-    """For each pair of bead and plate the first with this bead and a plate of the same material, or itself."""
+    """For each pair of bead and plate, the index of the first pair with this bead and a plate of the same material."""
     pairs = list({f"{c.bead.name}-{c.wall}": (c.bead.name, c.wall) for c in lab.conditions}.values())
     found: list[int] = []
     for number, (bead, wall) in enumerate(pairs):
@@ -360,7 +360,7 @@ class _Own:
 
 
 class _Onward:
-    """How a flight's landing changes with one number of its own start: (R, flights)."""
+    """Derivatives of a flight's landing with respect to one number of its start, shape (R, flights)."""
 
     def __init__(self, paths: flight.Paths, row: int, step: float) -> None:
         def slope(series: Array) -> Array:
@@ -375,7 +375,7 @@ PARTS = ("first", "middle", "last")
 
 
 def regions(time: Array, spans: Sequence[slice], events: Sequence[Sequence[float]]) -> tuple[Array, list[str]]:
-    """Thirds of the fall and of each flight after an impact, by number; -1 where the next impact is not seen."""
+    """Region number of each row, shape (N,), and region names: thirds of the fall and of each flight; -1 for none."""
     most = max(len(found) for found in events)
     names = [
         f"{part} third of the {'fall' if j == 0 else f'flight after impact {j}'}"
@@ -390,7 +390,7 @@ def regions(time: Array, spans: Sequence[slice], events: Sequence[Sequence[float
         for j in range(len(found) + 1):
             inside = number == j
             length = max(edges[j + 1] - edges[j], 1e-9)
-            # within a frame of an impact the bead may be on either side of it
+            # rows close to an impact may lie before or after it
             clear = (t > edges[j] + 0.006) & (t < edges[j + 1] - 0.006) if j else t < edges[1] - 0.006
             part = np.minimum(((t - edges[j]) / length * 3).astype(int), 2)
             region[span] = np.where(inside & clear, 3 * j + part, region[span])
@@ -398,9 +398,9 @@ def regions(time: Array, spans: Sequence[slice], events: Sequence[Sequence[float
 
 
 def impacts(time: Array, height: Array, noise: float) -> list[float]:
-    """[s] the moments at which the speed jumps upwards, from slopes of four rows before and after.
+    """Times [s] at which the vertical speed jumps upwards, from slopes over four rows before and after.
 
-    A jump counts where it stands out of the noise of such slopes; smaller bounces are not told from rest.
+    A jump must exceed the noise of such slopes; smaller bounces cannot be separated from rest.
     """
     width = 4
     n = len(time)
@@ -422,15 +422,15 @@ def impacts(time: Array, height: Array, noise: float) -> list[float]:
 
 
 def _on_the_plate(track: Track, found: Sequence[float], radius: float) -> list[float]:
-    """The impacts that are near the plate; a jump of the track higher up is none."""
+    """The impacts that are near the plate; a jump of the track further up is not an impact."""
     height = track.position[:, 1]
     step = float(np.median(np.diff(track.time)))
     fastest = float(np.abs(np.diff(height)).max()) / step
-    # the origin may be a radius off, the scale a few percent, and the impact lies anywhere between two rows
+    # margins for an origin off by a radius, a scale off by a few percent, and an impact between two rows
     highest = 2 * radius + fastest * step + 0.05 * float(height[:5].mean())
     level = {event: float(np.interp(event, track.time, height)) for event in found}
     kept = [event for event in found if level[event] < highest]
-    # no flight lasts longer than the one before: of two jumps that say so the higher one is none
+    # no flight lasts much longer than the one before: else the higher one of the two jumps is false
     for k in range(len(kept) - 3, -1, -1):
         if kept[k + 2] - kept[k + 1] > LONGER * (kept[k + 1] - kept[k]):
             kept.remove(max(kept[k], kept[k + 1], key=level.__getitem__))
@@ -438,14 +438,14 @@ def _on_the_plate(track: Track, found: Sequence[float], radius: float) -> list[f
 
 
 def _slopes(time: Array, value: Array, width: int) -> Array:
-    """Slope of each run of `width` rows."""
+    """Slope of each window of `width` rows."""
     t = np.lib.stride_tricks.sliding_window_view(time, width)
     s = t - t.mean(axis=1, keepdims=True)
     return np.asarray(np.sum(s * np.lib.stride_tricks.sliding_window_view(value, width), axis=1) / np.sum(s * s, 1))
 
 
 def _in_flight_after(track: Track, found: Sequence[float], noise: float) -> list[float]:
-    """The impacts, without a last one after which nothing is seen to rise: the bead lies there."""
+    """The impacts without the last ones after which the bead does not rise, because it is at rest."""
     kept = list(found)
     while len(kept) > 1:
         height = track.position[track.time > kept[-1], 1]
@@ -456,13 +456,13 @@ def _in_flight_after(track: Track, found: Sequence[float], noise: float) -> list
 
 
 def _last_moment(track: Track, found: Sequence[float], every: Sequence[float], noise: float, gravity: float) -> float:
-    """[s] the end of what is used: before the bead can have touched again unseen."""
+    """End [s] of the rows that are used: before a next impact that was not detected."""
     time = track.time
     end = float(time[-1])
     if found:
         lying = track.position[time > found[-1] + float(np.median(np.diff(time))), 1]
         if len(lying) > 2 and float(np.ptp(lying)) <= RISES * noise:
-            # for so long a flight of no height is not told from a bead that lies there
+            # a flight lower than the noise cannot be separated from rest; it lasts this long at most
             return found[-1] + math.sqrt(4 * noise / gravity)
     if len(every) > len(found):
         return every[len(found)]

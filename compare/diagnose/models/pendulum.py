@@ -1,4 +1,4 @@
-"""The pendulum as the diagnosis sees it: a bob on a thread, let go from an angle, its ring-down filmed.
+"""Reduced model of a single pendulum: the filmed ring-down of a bob on a thread, released from an angle.
 
 World axes: x right, y up, origin at the pivot; angles from the vertical, positive to the right.
 """
@@ -22,7 +22,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing import Push, angle_at, half_swings
 
-OWN_LENGTH = 0.5  # share of the stated length uncertainty that each length has on its own
+OWN_LENGTH = 0.5  # individual uncertainty of each length, as a share of the stated (common) length uncertainty
 
 
 class PendulumBench:
@@ -61,24 +61,24 @@ class PendulumBench:
         self.condition_names = [condition.name for condition in lab.conditions]
         self.region, self.region_names = eighths(self.time, self.spans)
         repetitions = len(runs)
-        doubt = math.radians(lab.doubt("release_angle_uncertainty_deg", default=0.3))
+        release_sd = math.radians(lab.uncertainty("release_angle_uncertainty_deg", default=0.3))
         self.local_prior = np.stack([np.zeros(repetitions), angle], axis=1)
-        self.local_sd = np.stack([np.full(repetitions, 10.0), doubt * shared(self.condition)], axis=1)
+        self.local_sd = np.stack([np.full(repetitions, 10.0), release_sd * shared(self.condition)], axis=1)
         self.local_step = np.array([1e-3, 1e-2])
         self.scatter = np.zeros((repetitions, 0), dtype=int)
         self.scatter_start = self.scatter_most = np.zeros(0)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
-        """The lengths and the calibration with their priors, and the terms' coefficients."""
-        doubt = self.lab.doubt("length_uncertainty_m", default=5e-4)
+        """Lengths and calibration with their priors, and coefficients of the terms."""
+        length_sd = self.lab.uncertainty("length_uncertainty_m", default=5e-4)
         own = [
-            Unknown(f"length.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * doubt, low=-0.02, high=0.02)
+            Unknown(f"length.{length:g}", 0.0, 1e-3, sd=OWN_LENGTH * length_sd, low=-0.02, high=0.02)
             for length in self.lengths
         ]
         many = own if len(own) > 1 else []
-        # the air pushes on a section that is only known so well; a torque of the pivot would make up for it
+        # drag depends on the diameter; with an exact diameter its error would appear as a torque at the pivot
         sizes = self.beads.unknowns() if any(term.force is not None for term in terms) else []
-        return [*many, *sizes, *camera_unknowns(self.lab, terms, {"length_error": doubt})]
+        return [*many, *sizes, *camera_unknowns(self.lab, terms, {"length_error": length_sd})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
         """Release time from the moment the angle has fallen by a tenth."""
@@ -93,11 +93,11 @@ class PendulumBench:
         return guess
 
     def horizons(self) -> list[Any]:
-        """Masks over rows, the first swings first: phases are then never lost."""
+        """Masks (N,) of the first rows, fitted first so that the phase of the swings is not lost."""
         return [self.time < limit for limit in (1.0, 2.5) if float(self.time.max()) > 1.3 * limit]
 
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
-        """Swing all repetitions for a stack of settings."""
+        """Motion of all repetitions for a stack of settings."""
         length = self.length + values["length_error.offset"][:, None]
         if len(self.lengths) > 1:
             own = np.stack([values[f"length.{one:g}"] for one in self.lengths], axis=-1)
@@ -120,11 +120,11 @@ class PendulumBench:
         return Moved(x, y, speed * np.cos(angle[0]), speed * np.sin(angle[0]), soft)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
-        """Nothing is struck: every unknown moves the bob."""
+        """Always False: there are no impacts, every unknown changes the motion."""
         return False
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Lengths belong to their conditions, diameters to a bead."""
+        """A length acts in the repetitions of its conditions, a diameter in those of its bead."""
         kind, _, rest = name.partition(".")
         if kind == "diameter":
             return kind, self.bead == self.beads.names.index(rest)
@@ -140,7 +140,10 @@ def pushing(
     terms: Sequence[Effect],
     release: Array | float = 0.0,
 ) -> tuple[Push, Array]:
-    """Angular acceleration of a bob on its thread with the terms acting, and sqrt(g/L); `release` [s] on the clock."""
+    """Angular acceleration [rad/s^2] of a bob with the terms acting, as a function, and its frequency [rad/s].
+
+    `release` is the time of release on the clock of the record [s].
+    """
     thread = values.get("rod_mass.mass_per_length", np.zeros(len(length)))[:, None]
     inertia = mass * length**2 + thread * length**3 / 3
     weight = (mass + thread * length / 2) * gravity * length

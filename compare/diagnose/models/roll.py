@@ -1,7 +1,7 @@
-"""Rolling as the diagnosis sees it: a bead rolls down an incline from rest, or along a level surface from a push.
+"""Reduced model of a rolling bead: down an incline from rest, or along a level surface after a push.
 
-World axes: x right along the level, y up, origin where the bead touches the surface at the start.  The bead rolls
-without slipping: to the right, or to the left where the push is stated below zero.
+World axes: x right (horizontal), y up, origin at the contact point at the start.  The bead rolls without slipping: to
+the right, or to the left if the stated push is negative.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.track import place_at, ride
 
 LEVER, TIED = "rolling_lever", 1e-6
-"""One lever arm stands for the coefficients of all sizes, which are nought beside it."""
-WIDEST = 1.5  # largest over smallest size, below which 1/d is hardly told from one coefficient for all
-FEWEST_SIZES = 3  # of one material, that fall on one lever arm by no accident
-ROLLS = 5 / 7  # of a force is left to a solid sphere that rolls
-EARLY = 0.4  # of the way: what tells where and how fast a bead began that a drag slows
+"""Effect with one lever arm for all sizes; it replaces the coefficients of the pairs, whose priors are then zero with
+this standard deviation."""
+WIDEST = 1.5  # ratio of largest to smallest size below which 1/d and a common coefficient are hardly separable
+FEWEST_SIZES = 3  # smallest number of sizes of one material that can support a common lever arm
+ROLLS = 5 / 7  # acceleration of a rolling solid sphere over that of a sliding one
+EARLY = 0.4  # share of the path that determines the start of a bead that is slowed by drag
 
 
 class RollBench(Runs):
@@ -61,16 +62,16 @@ class RollBench(Runs):
         self.scatter_most = np.full(len(self.pairs), np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
-        """Rolling friction of each pair, each condition's angle, the level and the calibration with their priors."""
+        """Rolling friction of each pair; angle of each condition, level and calibration with their priors."""
         start, tie = (0.0, TIED) if any(term.name == LEVER for term in terms) else (0.03, math.inf)
         own = [Unknown(f"rolling_friction.{pair}", start, 3e-3, sd=tie, low=0.0, high=1.0) for pair in self.pairs]
-        doubt = math.radians(self.lab.doubt("incline_angle_uncertainty_deg", default=0.05))
-        tips = [Unknown(f"angle.{name}", 0.0, 1e-3, sd=doubt) for name in self.condition_names]
-        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
+        angle_sd = math.radians(self.lab.uncertainty("incline_angle_uncertainty_deg", default=0.05))
+        tips = [Unknown(f"angle.{name}", 0.0, 1e-3, sd=angle_sd) for name in self.condition_names]
+        level = math.radians(self.lab.uncertainty("plate_level_uncertainty_deg", default=0.1))
         return [*own, *tips, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
-        """Start from the moment the bead has moved; friction from the distance it then took to go where it went."""
+        """Starting values (R, L): release time from the first motion, friction from a parabola through the path."""
         clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
         guess = self.local_prior.copy()
         gravity = self.lab.gravity
@@ -82,7 +83,7 @@ class RollBench(Runs):
             if self.push[r] > 0:
                 t0, bend, speed = self._pushed(time[moved:], place[moved:])
                 if self._misses(time[moved:], place[moved:]):
-                    # what slows it wanes with the speed: where it began is seen early, its friction late
+                    # drag falls with the speed: the early part gives the start, the late part the friction
                     half = moved + int(np.argmax(place[moved:] > EARLY * place.max()))
                     t0, _, speed = self._pushed(time[moved:half], place[moved:half])
                     bend = self._pushed(time[half:], place[half:])[1]
@@ -98,14 +99,14 @@ class RollBench(Runs):
         return guess
 
     def _misses(self, time: Array, place: Array) -> bool:
-        """Whether a parabola misses the moving part by far more than the noise."""
+        """Whether the residuals of a parabola through the moving part far exceed the noise."""
         moving = place < 0.97 * place.max()
         left = place[moving] - np.polyval(np.polyfit(time[moving], place[moving], 2), time[moving])
         return float(np.std(left)) > 5 * self.noise
 
     @staticmethod
     def _pushed(time: Array, place: Array) -> tuple[float, float, float]:
-        """Start time [s], acceleration [m/s^2] and starting speed [m/s] from a parabola over the moving part."""
+        """Start time [s], acceleration [m/s^2] and start speed [m/s] from a parabola through the moving part."""
         moving = place < 0.97 * place.max()
         quadratic = np.polyfit(time[moving], place[moving], 2)
         a, b, c = (float(value) for value in quadratic)
@@ -116,10 +117,11 @@ class RollBench(Runs):
         return t0, 2 * a, 2 * a * t0 + b
 
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
-        """Roll all repetitions for a stack of settings."""
+        """Motion of all repetitions for a stack of settings."""
         tips = np.stack([values[f"angle.{name}"] for name in self.condition_names], axis=-1)[:, self.condition]
         every = self.side * (self.slope + tips + values["plate_tilt.angle"][:, None])
-        # the unknown is the friction on the stated slope: one off it, friction made up for, is the same motion
+        # the local unknown is the friction on the stated slope: a slope error and the friction error that compensates
+        # it give the same motion
         stated = np.sin(self.side * self.slope) - local[..., 3] * np.cos(self.slope)
         frictions = (np.sin(every) - stated) / np.cos(every)
         slope, friction = every[:seen], frictions[:seen]
@@ -160,23 +162,23 @@ class RollBench(Runs):
         law = np.stack([values[f"rolling_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
         for term in terms:
             if term.name == LEVER and term.rolling is not None:
-                # the friction of each repetition is seen as a whole; what a lever arm makes of it is the same at any
-                # speed, and goes with the bead as it is, not as it is stated
+                # the friction of each repetition is one unknown; that of a lever arm does not depend on the speed,
+                # and depends on the true radius, not the stated one
                 own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
                 law = term.rolling(law, 0.0, radii, *own)
         return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (frictions - law)[..., None])
 
     def tied(self, terms: Sequence[Effect]) -> list[str]:
-        """Coefficients of the baseline in whose place one of these terms has a single one."""
+        """Coefficients of the baseline that one of these terms replaces by a single one."""
         levers = any(term.name == LEVER for term in terms)
         return [f"rolling_friction.{pair}" for pair in self.pairs] if levers else []
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
-        """The friction of each repetition is an unknown of its own: that of the pair changes no motion."""
+        """Whether the unknown changes no motion: friction of a pair does not, each repetition has its own friction."""
         return name.startswith(("rolling_friction.", f"{LEVER}."))
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Frictions belong to a pair, angles to a condition, diameters to a bead."""
+        """A friction acts in the repetitions of its pair, an angle in its condition's, a diameter in its bead's."""
         kind, _, rest = name.partition(".")
         if kind == "rolling_friction":
             return kind, self.pair == self.pairs.index(rest)
@@ -188,7 +190,7 @@ class RollBench(Runs):
 
 
 def one_material_of_many_sizes(lab: TrackedLab) -> bool:
-    """Whether a lever arm can be told from coefficients of each bead's own."""
+    """Whether the lab can separate one lever arm from individual friction coefficients of the beads."""
     materials = {str(one.bead.about.get("material") or one.bead.name) for one in lab.conditions}
     sizes = {round(one.bead.diameter, 4) for one in lab.conditions}
     apart = max(sizes) >= WIDEST * min(sizes)

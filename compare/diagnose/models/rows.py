@@ -1,4 +1,4 @@
-"""What every tracked rig shares: its repetitions as one long table of rows."""
+"""The repetitions of a lab as one table of rows, and unknowns that the rigs share."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab, stated_doubt
+from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab, stated_uncertainty
 from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect
 
-DIAMETER = 2e-5  # [m], how well a bead's diameter is known where nothing is stated
+DIAMETER = 2e-5  # [m], standard uncertainty of a bead's diameter where none is stated
 
 
 class Runs:
-    """The repetitions of a lab of one track each, in order, with their rows one below the other."""
+    """The repetitions of a lab in order, with the rows of all tracks concatenated."""
 
     def __init__(self, lab: TrackedLab) -> None:
         self.lab = lab
@@ -61,35 +61,35 @@ class Runs:
 
 
 class Beads:
-    """The beads of a lab, whose true diameters are unknowns: a contact is seen to a micrometre."""
+    """The beads of a lab with their diameters as unknowns; tracks locate a contact to a micrometre."""
 
     def __init__(self, conditions: Sequence[Condition]) -> None:
-        """`conditions`: that of each repetition."""
+        """`conditions` holds the condition of each repetition."""
         self.known = {condition.bead.name: condition.bead for condition in conditions}
         self.names = list(self.known)
         self.number: Any = np.array([self.names.index(condition.bead.name) for condition in conditions])
 
-    def unknowns(self, kind: str = "diameter", doubt: float | None = None) -> list[Unknown]:
-        """One for each bead, [m] beyond what is stated, known as well as `doubt` or as the diameter is."""
+    def unknowns(self, kind: str = "diameter", sd: float | None = None) -> list[Unknown]:
+        """One unknown for each bead: the error [m] of the stated value, with `sd` [m] or that of the diameter."""
         return [
-            Unknown(f"{kind}.{name}", 0.0, 1e-3, sd=self._doubt(name) if doubt is None else doubt, low=-2e-3, high=2e-3)
+            Unknown(f"{kind}.{name}", 0.0, 1e-3, sd=self._diameter_sd(name) if sd is None else sd, low=-2e-3, high=2e-3)
             for name in self.names
         ]
 
-    def _doubt(self, name: str) -> float:
-        return stated_doubt(self.known[name].about, "diameter_uncertainty_m", DIAMETER)
+    def _diameter_sd(self, name: str) -> float:
+        return stated_uncertainty(self.known[name].about, "diameter_uncertainty_m", DIAMETER)
 
     def of(self, kind: str, values: Mapping[str, Array], runs: Any) -> Array:
-        """[m], (settings, R): the unknowns of this kind in each repetition, `runs` their beads' numbers."""
+        """Unknowns of this kind [m] in each repetition, shape (settings, R); `runs` is the bead of each repetition."""
         return np.stack([values[f"{kind}.{name}"] for name in self.names], axis=-1)[:, runs]
 
 
 def coefficients(
     term: Effect, values: Mapping[str, Array], lab: TrackedLab, conditions: Sequence[Condition]
 ) -> list[Array]:
-    """An effect's parameters at each impact, (settings, R, 1): what the lab states of a bead and a wall is not fitted.
+    """Parameters of an effect in each repetition, shape (settings, R, 1); stated values replace fitted ones.
 
-    `conditions`: that of each repetition.
+    `conditions` holds the condition of each repetition.
     """
     found = []
     for parameter in term.parameters:
@@ -102,15 +102,16 @@ def coefficients(
 
 
 def shared(condition: Array) -> Array:
-    """Factor (R,) on the doubt of what is set once for all repetitions of a condition (a height, an angle).
+    """Factor (R,) on the standard uncertainty of a setting common to the n repetitions of a condition: sqrt(n).
 
-    They share its error: n of them know it no better than one, so each speaks with n times the variance.
+    The repetitions share one error, so n of them must not determine the setting better than one.  Each therefore gets
+    n times the variance.
     """
     return np.asarray(np.sqrt(np.bincount(condition)[condition]))
 
 
 def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:
-    """Eighths of the record by time."""
+    """Region number of each row, shape (N,), and region names: eighths of each record by time."""
     region = np.concatenate(
         [np.minimum((8 * (time[s] - time[s].min()) / (np.ptp(time[s]) + 1e-9)).astype(int), 7) for s in spans]
     )

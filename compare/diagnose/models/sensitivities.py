@@ -1,8 +1,7 @@
-"""What a bench predicts at one setting of its unknowns, and how that changes with each of them.
+"""Predictions of a bench and their derivatives with respect to all unknowns.
 
-Differences are taken as few as will do: the camera's own unknowns and the moment of release act through the velocity
-alone, unknowns of one kind that belong to different repetitions are changed together, and what only changes the law of
-an impact moves nothing.
+The number of finite differences is kept small: camera unknowns and the release time act through the velocity,
+unknowns of one kind in different repetitions are changed together, and unknowns of a contact law change no motion.
 """
 
 from __future__ import annotations
@@ -18,8 +17,10 @@ from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
-SMALL = 1e-4  # of a visible change: differences taken over more tell apart what the data cannot
-STEADY = 1e-3  # ... where the way there is walked in steps whose number may change with the unknown
+SMALL = (
+    1e-4  # finite-difference step as a share of a visible change; larger steps separate unknowns that the data cannot
+)
+STEADY = 1e-3  # the same for motions integrated in steps whose number may change with the unknown
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,11 @@ class Moved:
     y: Array
     vx: Array  # [m/s], (N,), velocity of the first setting at each row
     vy: Array
-    soft: Array  # (B, R, S), deviations that scatter around zero from impact to impact
+    soft: Array  # (B, R, S), random deviations of the impacts from the contact law
 
 
 class Moving(Protocol):
-    """A rig with its data, as far as its motion goes."""
+    """A rig with its data: the part that concerns the motion."""
 
     time: Array  # [s], (N,)
     rows: Array  # [m], (N, 2) observed positions, sorted by repetition
@@ -42,20 +43,20 @@ class Moving(Protocol):
     owner: Any  # (N,) repetition of each row
     local_step: Array  # (L,)
     onset: int
-    """Which local unknown is the moment of release, -1 for none."""
+    """Index of the local unknown that is the release time, -1 for none."""
     small: float
-    """Of a visible change of an unknown, over which differences are taken."""
+    """Finite-difference step as a share of a visible change."""
 
     def move(
         self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int
     ) -> Moved: ...
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
-        """Whether an unknown changes the law of the impacts alone."""
+        """Whether an unknown changes only the contact law, not the motion."""
         ...
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """The kind of a global unknown that acts in some repetitions alone, and their mask (R,); None for all."""
+        """Kind and mask (R,) of the repetitions of a global unknown that acts only in some; None if it acts in all."""
         ...
 
 
@@ -96,7 +97,7 @@ def slopes(bench: Moving, unknowns: Sequence[Unknown], terms: Sequence[Effect], 
     x, y = found.x[None], found.y[None]
     place = np.stack(viewed(x, y, now, terms), axis=-1)[0]
     by_row = found.by_row
-    h = 1e-5  # [m], the picture is smooth
+    h = 1e-5  # [m], finite-difference step; the projection is smooth
     by_x = (np.stack(viewed(x + h, y, now, terms), axis=-1)[0] - place) / h
     by_y = (np.stack(viewed(x, y + h, now, terms), axis=-1)[0] - place) / h
     by_row = by_row[..., :1] * by_x + by_row[..., 1:] * by_y
@@ -115,7 +116,7 @@ def slopes(bench: Moving, unknowns: Sequence[Unknown], terms: Sequence[Effect], 
 def mechanics(
     bench: Moving, unknowns: Sequence[Unknown], terms: Sequence[Effect], local: Array, values: Array, true: Array
 ) -> Mechanics:
-    """The motion's derivatives by differences of one stacked prediction."""
+    """Derivatives of the motion by finite differences in one stacked prediction."""
     size, count = local.shape[1], len(unknowns)
     moving = [k for k in range(size) if k != bench.onset]
     groups, silent = grouped(bench, unknowns, terms)
@@ -153,7 +154,7 @@ def mechanics(
 def grouped(
     bench: Moving, unknowns: Sequence[Unknown], terms: Sequence[Effect]
 ) -> tuple[list[list[int]], list[list[int]]]:
-    """Numbers of the unknowns to change together: those that move the body, and those that only change impacts."""
+    """Groups of unknowns to change together: those that change the motion, and those that change only impacts."""
     moving: dict[str, list[int]] = {}
     silent: dict[str, list[int]] = {}
     for k, unknown in enumerate(unknowns):

@@ -1,4 +1,4 @@
-"""Sliding as the diagnosis sees it: a clump lies on an arm that tilts at a steady rate until it slips, then slides.
+"""Reduced model of sliding: a clump lies on an arm that tilts at a constant rate, slips, and slides.
 
 World axes: x right along the level, y up, origin on the hinge axis in the arm's surface; the arm rises to the right.
 """
@@ -40,8 +40,8 @@ class SlideBench(Runs):
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
         count = len(self.conditions)
-        # where it lies on the arm, and the arm's stated angle at the moment when it slips.  The rows tell that moment
-        # to microseconds: its friction in this place would bend the way along which tilt and roll are traded.
+        # local unknowns: position on the arm, and the arm's stated angle at the slip.  The rows determine the slip to
+        # microseconds; friction as the unknown would make the fit nonlinear in the correlated tilt and camera roll.
         self.local_prior = np.stack([self.distance, np.full(count, 0.4)], axis=1)
         self.local_sd = np.stack([np.full(count, 2e-3), np.full(count, np.inf)], axis=1)
         self.local_step = np.array([1e-3, 1e-3])
@@ -50,14 +50,14 @@ class SlideBench(Runs):
         self.scatter_most = np.full(len(self.pairs), np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
-        """Friction of each pair, the arm's rate and level and the calibration with their priors."""
+        """Friction of each pair; tilt rate, level and calibration with their priors."""
         own = [Unknown(f"static_friction.{pair}", 0.4, 0.01, low=0.01, high=3.0) for pair in self.pairs]
-        rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.doubt("tilt_rate_uncertainty_rel", default=0.002))
-        level = math.radians(self.lab.doubt("plate_level_uncertainty_deg", default=0.1))
+        rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.uncertainty("tilt_rate_uncertainty_rel", default=0.002))
+        level = math.radians(self.lab.uncertainty("plate_level_uncertainty_deg", default=0.1))
         return [*own, rate, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
-        """The arm's angle at the moment from which the clump has moved."""
+        """Starting values (R, 2): position on the arm [m], and stated angle [rad] at the first motion."""
         clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
         guess = self.local_prior.copy()
         for r, span in enumerate(self.spans):
@@ -72,13 +72,13 @@ class SlideBench(Runs):
         return guess
 
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
-        """Tilt, slip and slide all repetitions for a stack of settings."""
+        """Motion of all repetitions for a stack of settings."""
         gravity, high = self.lab.gravity, self.radius
         rate = self.rate * (1 + values["tilt_rate"][:, None])
         start = self.start + values["plate_tilt.angle"][:, None]
         place, begin = local[..., 0], (local[..., 1] - self.start) / self.rate
         slip = start + rate * begin
-        # the arm's turning loads the clump a little, and what drives it along pulls at it before it slips too
+        # the rotation of the arm changes the load slightly, and driving forces act before the slip too
         driving = np.zeros_like(place)
         for term in terms:
             if term.drive is not None:
@@ -97,7 +97,7 @@ class SlideBench(Runs):
         at_slip = self.clump * gravity * np.cos(slip)
 
         def pull(time: Array, way: Array, speed: Array) -> Array:
-            """Down the arm."""
+            """Acceleration [m/s^2] down the arm."""
             angle = slip + rate * time
             pressing = gravity * np.cos(angle) - 2 * speed * rate - high * rate**2
             extra = np.zeros_like(speed)
@@ -108,7 +108,7 @@ class SlideBench(Runs):
                 if term.drive is not None:
                     extra = extra + term.drive(begin + time, way, speed, *own)
                 if term.onset is not None:
-                    # what holds beside the weight holds while it slides too, and the weight's share changes
+                    # forces other than the weight also act during sliding, and the normal force changes
                     now = term.onset(plain, self.waiting, self.clump * pressing, *own)
                     mu = mu + now - term.onset(plain, self.waiting, at_slip, *own)
                 if term.sliding is not None:
@@ -128,18 +128,18 @@ class SlideBench(Runs):
         return Moved(x, y, vx, vy, soft)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
-        """The angle at each repetition's slip is an unknown of its own: the law for the friction changes no motion."""
+        """Whether the unknown changes no motion: friction of a pair does not, as each repetition has a slip angle."""
         return name.startswith("static_friction.") and not any(term.onset is not None for term in terms)
 
     def touches(self, name: str) -> tuple[str, Array] | None:
-        """Frictions belong to a pair, diameters to a bead."""
+        """A friction acts in the repetitions of its pair, a diameter in those of its bead."""
         kind, _, rest = name.partition(".")
         if kind == "diameter":
             return kind, self.bead == self.beads.names.index(rest)
         return (kind, self.pair == self.pairs.index(rest)) if kind == "static_friction" else None
 
     def _plain(self, values: Mapping[str, Array]) -> Array:
-        """The friction of each repetition's pair."""
+        """Friction of the pair of each repetition, shape (settings, R)."""
         return np.stack([values[f"static_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
 
     def _soft(
@@ -150,7 +150,7 @@ class SlideBench(Runs):
         values: Mapping[str, Array],
         terms: Sequence[Effect],
     ) -> Array:
-        """How far each repetition's friction is from the law at the slip."""
+        """Deviation of each repetition's friction from the friction law at the slip, shape (settings, R, 1)."""
         plain = self._plain(values)
         onset = plain
         normal = self.clump * self.lab.gravity * np.cos(slip)

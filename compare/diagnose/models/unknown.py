@@ -1,4 +1,4 @@
-"""A global unknown of a fit, with what is known of it beforehand."""
+"""A global unknown of a fit with its prior."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ class Unknown:
     name: str
     start: float
     step: float
-    """Size of a visible change; sets the finite-difference step."""
+    """Size of a visible change, in the unit of the unknown; sets the finite-difference step."""
     prior: float = 0.0
     sd: float = math.inf
     """Standard deviation of the prior; infinite where nothing is stated."""
     low: float = -math.inf
     high: float = math.inf
     effect: str = ""
-    """The effect that it belongs to, empty for the rig's own."""
+    """The effect that the unknown belongs to, empty for the rig's own unknowns."""

@@ -1,8 +1,8 @@
-"""Whether one more effect is needed whatever the law of the first: it must gain beside that law bent at will.
+"""Test whether a second effect improves the fit even if the law of the first effect is free.
 
-A strong effect whose law is known to a few percent leaves something behind, and a second name must not stand for
-that.  What a bent law leaves is the first effect times powers of the speed, the size, or the place in the picture, each
-with a free coefficient.  What is still gained beside all of these, no law of the first that is bent so can have left.
+The law of a strong effect is known to a few percent only, and the rest must not be named as a second effect.  The law
+is made free by adding the first effect times powers of the speed, the size, or the position in the picture, each with a
+free coefficient.  A gain beside all of these cannot come from an error in the first law.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING, Hook, Parameter
 from rigtwin.sim.effects.nameless_terms import nameless
 
-SLOW = 1e-4  # [m/s] or [rad/s], below which a power of the speed bends no further
-SIZE, SPEED, PLACE = 3e-3, 1.0, 0.3  # [m], [m/s], [m]: where the bent law is the plain one
+SLOW = 1e-4  # [m/s] or [rad/s], lower limit of the speed in a power
+SIZE, SPEED, PLACE = 3e-3, 1.0, 0.3  # [m], [m/s], [m]: reference values at which a power is one
 AWAY, LEFT = 1.5, 1e-3
-"""Chi2 per coordinate above which, and chance of the residual statistic below which, a set does not describe the data:
-nothing can then be said of single terms of it."""
+"""Chi2 per coordinate above which, or p-value of the residual statistic below which, a set does not describe the data.
+Its single terms cannot be judged then."""
 
-OTHER_SIZE = 1.05  # largest over smallest bead, from which a law's dependence on the size shows
-STEPS = 3  # of the fit: near the best, where all that is asked is almost linear
+OTHER_SIZE = 1.05  # ratio of largest to smallest bead above which a dependence on the size can be seen
+STEPS = 3  # steps of the fit, which is almost linear near the optimum
 
 Power = Callable[..., Any]
 
 
 def gained_beside(bench: Regioned, fewer: Candidate, more: Candidate) -> float:
-    """What the new effects of `more` gain in deviance, where those of `fewer` may have any law near theirs.
+    """Gain in deviance of the new effects of `more` if the laws of the effects of `fewer` are free.
 
-    From the information that is left on each new coefficient; of several the least.
+    Computed from the significance of each new coefficient; the smallest one if there are several.
     """
     new = [term for term in more.terms if term.name not in fewer.names]
     if len(new) + len(fewer.terms) > len(more.terms):
-        return 0.0  # they are no two stages of one set
+        return 0.0  # `more` is not an extension of `fewer`
     left = locate(bench, more.fitted)
     if more.fitted.per_row > AWAY or left.p < LEFT or any(term.geometry in WIDENING for term in new):
         return 0.0
@@ -50,19 +50,21 @@ def gained_beside(bench: Regioned, fewer: Candidate, more: Candidate) -> float:
     gains = []
     for term in new:
         name = f"{term.name}.{term.parameters[0].name}"
-        doubt = math.hypot(free.std(name), stated.get(name, 0.0))
-        gains.append((free.value(name) / doubt) ** 2 - surprise(free, term))
+        std = math.hypot(free.std(name), stated.get(name, 0.0))
+        gains.append((free.value(name) / std) ** 2 - surprise(free, term))
     return min(gains) / max(1.0, left.spread)
 
 
 def bends(term: Effect, fitted: Fit, *, sizes: bool) -> list[Effect]:
-    """The ways in which an effect's law may be bent, each an effect of one free coefficient.
+    """Variations of the law of an effect, each an effect with one free coefficient.
 
-    What an effect is that moves the rig itself (a level, a length, a spin) has no law to bend.
+    Effects that change the rig itself (a level, a length, a spin) have no law to vary.
     """
     own = [fitted.value(f"{term.name}.{parameter.name}") for parameter in term.parameters] if _has_law(term) else []
     if term.restitution is not None or term.attraction is not None:
-        return [one for one in nameless("drop") if one.restitution is not None]  # an impact is one in every rig
+        return [
+            one for one in nameless("drop") if one.restitution is not None
+        ]  # impacts follow the same laws in every rig
     found = []
     for hook, powers in _POWERS.items():
         law = getattr(term, hook)
@@ -77,7 +79,7 @@ def _has_law(term: Effect) -> bool:
 
 
 def _bent(term: Effect, hook: str, law: Hook, power: Power, own: Sequence[float], number: int) -> Effect:
-    """The effect as it is fitted, times a power of what it depends on."""
+    """The fitted effect times a power of one of its arguments."""
     plain = _PLAIN[hook]
 
     def bent(*given: Any) -> Any:
@@ -91,7 +93,7 @@ def _bent(term: Effect, hook: str, law: Hook, power: Power, own: Sequence[float]
     return Effect(name, name, "physical", term.rigs, (Parameter("c", "1", -1e9, 1e9, 0.1),), "", "", **{hook: bent})  # type: ignore[arg-type]
 
 
-# how fast, how large, and where, from what a hook is given
+# powers of speed, size and position, from the arguments of a hook
 
 
 def _one(hook: str, *motion: Any) -> Any:
@@ -126,7 +128,7 @@ def _sized(power: Power) -> Power:
     return sized
 
 
-SIZED = {"force": 3, "rolling": 2}  # where the radius stands among what a hook is given
+SIZED = {"force": 3, "rolling": 2}  # index of the radius among the arguments of a hook
 _POWERS: dict[str, tuple[Power, ...]] = {
     "force": (_slower, _faster),
     "torque": (_slower, _faster),

@@ -1,4 +1,4 @@
-"""A set of effects that is tried: its fit, what it gains, and why it cannot be."""
+"""A candidate set of effects: its fit, its gain, and the reason if it is refused as implausible."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
 SHUTTER = "rolling_shutter"
-JITTER = 24.0  # deviance
-OVERTAKEN = 0.5  # of the time between two frames: with more jitter one frame in thirteen is taken before the last one
-READ_OUT = 10.0  # frames: no camera takes longer than one to read its rows; the rate may be stated wrongly too
-WHITE = 0.6  # of the squared differences of white noise
-BEYOND = 0.1  # of a coefficient's range above it, that its doubt excuses at most
+JITTER = 24.0  # deviance that jitter must gain in addition
+OVERTAKEN = 0.5  # jitter in frame intervals; above this one frame in thirteen is taken before its predecessor
+READ_OUT = 10.0  # longest read-out in frames; a camera needs at most one, the rest allows for a wrong stated rate
+WHITE = 0.6  # smallest whiteness of the residuals (1 for white noise) that is compatible with jitter
+BEYOND = 0.1  # share of its range by which the uncertainty of a coefficient may excuse a value above the range
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Candidate:
     terms: tuple[Effect, ...]
     fitted: Fit
     gain: float
-    """Deviance of the baseline less its own, over the spread of the residuals; higher is better."""
+    """Deviance of the baseline less that of the candidate, over the spread of the residuals; higher is better."""
     reason: str = ""
-    """Why it is refused, empty where it is plausible."""
+    """Why it is refused, empty if it is plausible."""
     rough: Fit | None = None
-    """Its fit to a part of the data, where that was looked at first."""
+    """Its fit to part of the data, if it was screened."""
     cost: float = 0.0
-    """What its gain has paid for the search of its shapes, where it is a formula with such."""
+    """Cost of the search over shapes that was subtracted from the gain of a formula."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -45,17 +45,17 @@ class Candidate:
 
     @property
     def score(self) -> float:
-        """Gain less the surprise of its coefficients where physics predicts them."""
+        """Gain less the penalty for coefficients far from their physical prediction."""
         return self.gain - sum(surprise(self.fitted, term) for term in self.terms)
 
 
 def best_of(candidates: Sequence[Candidate]) -> Candidate | None:
-    """The one with the highest score of those that are plausible."""
+    """The plausible candidate with the highest score, or None."""
     return max((one for one in candidates if not one.reason), key=lambda one: one.score, default=None)
 
 
 def front_of(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
-    """The best of each family, plausible or nearly so."""
+    """The best plausible candidate of each family, highest score first, at most `count`."""
     front: list[Candidate] = []
     for one in sorted((c for c in candidates if not c.reason), key=lambda c: -c.score):
         if all(one.groups != other.groups for other in front):
@@ -64,7 +64,7 @@ def front_of(candidates: Sequence[Candidate], count: int) -> list[Candidate]:
 
 
 def refused(fitted: Fit, terms: Sequence[Effect]) -> str:
-    """Why a fit's coefficients cannot be: out of their physical range, or not larger than their own doubt."""
+    """Why a fit is implausible: a coefficient out of its physical range or not significant; empty if plausible."""
     for term in terms:
         reason = (
             _widened(fitted, term) if term.geometry in WIDENING else _read_late(fitted, term) or _beyond(fitted, term)
@@ -75,31 +75,31 @@ def refused(fitted: Fit, terms: Sequence[Effect]) -> str:
 
 
 def _widened(fitted: Fit, term: Effect) -> str:
-    """Why the noise or the scatter cannot be so wide."""
+    """Why the jitter or the scatter of impacts is implausible; empty if it is plausible."""
     least = term.parameters[0].least
     if term.geometry == "scatter":
         too_little = float(fitted.scatter[-1]) <= 1.02 * least
         return "rebounds scatter no more than those of a sphere" if too_little else ""
     if fitted.jitter < least:
-        return f"a jitter below {least:g} s is in any record"
+        return f"the jitter is below {least:g} s, which every record has"
     if fitted.jitter > OVERTAKEN * fitted.frame:
-        return f"with a jitter of {fitted.jitter:.2g} s frames would be taken before those that they follow"
-    return "what is left goes on from frame to frame, which jitter does not" if fitted.white < WHITE else ""
+        return f"with a jitter of {fitted.jitter:.2g} s frames would be taken before their predecessors"
+    return "the residuals are correlated from frame to frame, unlike jitter" if fitted.white < WHITE else ""
 
 
 def _read_late(fitted: Fit, term: Effect) -> str:
-    """Why a picture's rows cannot be read so slowly: the next frames would begin meanwhile."""
+    """Why a rolling shutter is implausible: its read-out would last many frames; empty if it is plausible."""
     if term.name != SHUTTER:
         return ""
     high = float(np.ptp(fitted.seen[:, 1]))
     taken = abs(fitted.value(f"{term.name}.{term.parameters[0].name}")) * high
     if taken <= READ_OUT * fitted.frame:
         return ""
-    return f"rows {high:.2g} m apart would be read {taken:.2g} s after one another, which is many frames"
+    return f"reading out a height of {high:.2g} m would take {taken:.2g} s, which is many frames"
 
 
 def _beyond(fitted: Fit, term: Effect) -> str:
-    """Which coefficient is out of its range, or lost in its doubt."""
+    """Which coefficient is out of its range or not significant; empty if none is."""
     for parameter in term.parameters:
         if parameter.assumed is not None:
             continue
@@ -109,14 +109,14 @@ def _beyond(fitted: Fit, term: Effect) -> str:
         if value < parameter.low - 2 * std or value > beyond:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
         if abs(value) < parameter.least:
-            return f"{parameter.name} = {value:.3g} {parameter.unit} is no more than any lab has"
+            return f"{parameter.name} = {value:.3g} {parameter.unit} is no larger than in any lab"
         if abs(value) < 3.0 * std:
-            return f"{parameter.name} = {value:.3g} is within three of its standard deviations ({std:.2g}) of zero"
+            return f"{parameter.name} = {value:.3g} is within three standard deviations ({std:.2g} each) of zero"
     return ""
 
 
 def _wins(fitted: Fit) -> str:
-    """The restitution that is above one, if one is: no law of the impact may be had at the price of energy won."""
+    """Which restitution is significantly above one, as no impact gains energy; empty if none is."""
     for unknown, value in zip(fitted.unknowns, fitted.values, strict=True):
         if unknown.name.startswith("restitution.") and value - 2 * fitted.std(unknown.name) > 1:
             return f"{unknown.name} = {value:.3g} is above one"
@@ -124,9 +124,9 @@ def _wins(fitted: Fit) -> str:
 
 
 def surprise(fitted: Fit, term: Effect) -> float:
-    """Twice the log of how much less likely a coefficient is than the predicted one; a factor of two costs one.
+    """Penalty in deviance for coefficients far from their prediction: the squared log2 of the ratio, at most 5 each.
 
-    Noise that is not quite white looks like a little jitter: that has to gain more.
+    Jitter has an additional penalty, because slightly correlated noise resembles a small jitter.
     """
     total = JITTER if term.geometry == "jitter" else 0.0
     for parameter in term.parameters:

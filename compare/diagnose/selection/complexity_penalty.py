@@ -1,4 +1,4 @@
-"""What one more effect must gain beside those that are named already."""
+"""Gain in deviance that a further effect must reach beside the effects named already."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from rigtwin.compare.diagnose.selection.candidate import Candidate
 from rigtwin.sim.effects import Effect
 
 SECOND = 20.0
-"""Least further gain for one more effect ..."""
+"""Smallest gain in deviance of a further effect."""
 SECOND_SHARE, SECOND_MOST = 0.02, 1500.0
-"""... and this share of what was gained before, up to a limit, where it could be what is left of the first: a strong
-effect whose law is known to a few percent leaves something that is no second effect."""
+"""Share of the gain so far that a further effect of the same kind must reach, and its limit.  The law of a strong
+effect is known to a few percent only, and the rest must not be named as a second effect."""
 OTHER_SHARE = 1e-4
-"""As `SECOND_SHARE`, for one more effect that acts elsewhere: in the picture, where the first acts on the motion."""
+"""As `SECOND_SHARE`, for a further effect of another kind, for example in the picture if the first is in the motion."""
 ACROSS_MOST = 100.0
-"""As `SECOND_MOST`, for one that acts across a drop where the first acts along it, or on when a clump slips where the
-first acts on how it slides: no law of the one shows there."""
+"""As `SECOND_MOST`, for an effect across the fall if the first acts along it, or on the onset of sliding if the first
+acts during sliding: an error in the law of the first does not show there."""
 
 
 def price(fewer: Candidate, more: Candidate, rig: str) -> float:
-    """What one more effect must gain."""
+    """Gain in deviance that the further effects of `more` must reach."""
     old = {place for term in fewer.terms for place in _places(term)}
     new = [term for term in more.terms if term.name not in fewer.names]
     alike = any(old & _places(term) for term in new)
@@ -32,9 +32,9 @@ def price(fewer: Candidate, more: Candidate, rig: str) -> float:
 
 
 def feigned(fewer: Candidate, more: Candidate, new: Sequence[Effect], left: float) -> float:
-    """What it gains to set a stated calibration quantity free, where all `left` of the first effects went to it.
+    """Largest gain of freeing a calibration quantity if it absorbed the deviance `left` by the first effects.
 
-    Data that know it far better than it is stated move it by little, whatever is left over.
+    Small if the data determine the quantity far better than its stated uncertainty.  Infinite for other effects.
     """
     stated = {unknown.name: unknown.sd for unknown in fewer.fitted.unknowns if math.isfinite(unknown.sd)}
     names = [f"{term.name}.{parameter.name}" for term in new for parameter in term.parameters]
@@ -45,20 +45,20 @@ def feigned(fewer: Candidate, more: Candidate, new: Sequence[Effect], left: floa
 
 
 def _crossed(new: Sequence[Effect], old: Sequence[Effect], rig: str) -> bool:
-    """Whether the new effects show, to first order, where the old ones do not show at all."""
+    """Whether the new effects act, to first order, where the old ones do not act at all."""
     if rig == "drop":
         return all(_across(one) for one in new) and not any(_across(one) for one in old)
-    # each run's own friction stands between when it slips and how it slides
+    # the friction of each repetition is an unknown, which decouples the onset from the sliding
     return rig == "slide" and all(one.onset is not None for one in new) and all(one.sliding is not None for one in old)
 
 
 def _across(term: Effect) -> bool:
-    """Whether an effect shows across the fall alone, to first order."""
+    """Whether an effect acts only across the fall, to first order."""
     return term.geometry in ("level", "release_spin") or term.name == "camera_roll"
 
 
 def _places(term: Effect) -> set[str]:
-    """Where an effect acts: in motion, at impacts, in friction, in the picture, in the time of the frames."""
+    """Where an effect acts: motion, impact, friction, picture, time of the frames, or its geometry."""
     hooks = {
         "motion": (term.force, term.torque),
         "impact": (term.restitution, term.attraction),
@@ -71,7 +71,7 @@ def _places(term: Effect) -> set[str]:
 
 
 def _late_by_place(term: Effect) -> bool:
-    """Whether rows are late by where the bead is, which looks like a drag; a wrong clock is wrong alike everywhere."""
+    """Whether the delay of a row depends on the bead's position, which resembles a drag; a clock error does not."""
     if term.exposure is None:
         return False
     size = term.parameters[0].typical

@@ -1,8 +1,8 @@
-"""The formula of a disagreement that no listed effect explains: nameless terms, and whether they hold where they were
-not fitted.
+"""Find a formula for a disagreement that no listed effect explains, and test it on held-out data.
 
-Terms of a fixed form are fitted one by one.  Those of a free shape are first looked at on a grid of shapes, in a part
-of the data, by one Newton step each; the best of each kind is then fitted with its shape, and pays for the grid.
+Terms of a fixed form are fitted one by one.  Terms with shape parameters are screened on a grid of shapes with part of
+the data, by one Newton step each; the best of each kind is then fitted with its shape, and its gain is reduced by a
+cost for the search over the grid.
 """
 
 from __future__ import annotations
@@ -28,65 +28,71 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.nameless_shapes import Extent, Shape, shapes
 from rigtwin.sim.effects.nameless_terms import beside, nameless
 
-HOLDS = 0.8  # share of the excess that a formula must close on repetitions that it was not fitted to
-LEAVES = 10.0  # noise floors that it may leave there: by three times the noise no path is described, whatever it closes
-WORSE = 0.05  # of a condition's gap: what is less is the doubt of the gap itself, as its noise floor is estimated
-WHOLE = 0.95  # share of the excess beyond which no second term is asked for
-AT_ONCE = 24  # shapes that are looked at in one go
-AT_ONCE_EDGED = 12  # ... and of those with edges, all of which share the steps that the sharpest asks for
-LEADING = 2  # of those that promise most, that are fitted to part of the data
-PROMISING = 0.6  # ... and not less than this share of the most
-LIKELY = 4  # terms of a fixed form that are fitted to the end
-FROM_ZERO = 3.0  # standard deviations that each term's coefficients must be from zero, c and d of a period together
-MOVING = 0.05  # of the highest speed, above which something counts as moving
+HOLDS = 0.8  # share of the excess gap that a formula must close on held-out repetitions
+LEAVES = 10.0  # largest gap there in noise floors; residuals of three times the noise do not describe a path
+WORSE = 0.05  # relative change of a gap that is within its uncertainty, as the noise floor is estimated
+WHOLE = 0.95  # share of the excess gap above which no second term is tried
+AT_ONCE = 24  # shapes that are screened in one call
+AT_ONCE_EDGED = 12  # the same for shapes with edges, which all use the time steps of the sharpest edge
+LEADING = 2  # most promising kinds that are fitted to part of the data
+PROMISING = 0.6  # smallest share of the best promised gain for such a fit
+LIKELY = 4  # terms of a fixed form that are fitted to convergence
+FROM_ZERO = 3.0  # smallest distance of the coefficients from zero in standard deviations; c and d of a period combined
+MOVING = 0.05  # share of the highest speed above which a row counts as moving
 
 
 @dataclass(frozen=True)
 class Formula:
-    """The best formula, and whether it is told as the law."""
+    """The best formula, and whether it is reported as a law."""
 
     candidate: Candidate
     sizes: Gap
 
     @property
     def share(self) -> float | None:
-        """Share of the excess gap that it closes on repetitions that it was not fitted to; None with no gap there."""
+        """Share of the excess gap that it closes on held-out repetitions; None without a gap there."""
         sizes = self.sizes
         return _closes(sizes.held_out_before, sizes.held_out_after, sizes.held_out_noise_floor)
 
     @property
     def flaw(self) -> str:
-        """Why it is no law, for a sentence that goes on with what the best formula would close; empty where it is one.
+        """Why the formula is not reported as a law; empty if it is.
 
-        It must close enough of the gap on held-out repetitions and leave little there, and close some of the gap of a
-        held-out condition, where there is one; where there is none it may not widen it.  A gap that is too small to be
-        seen in the mean over all rows must show in the deviance, and not widen.
+        It must close enough of the gap on held-out repetitions and leave little there.  In a held-out condition it must
+        close part of a gap, and must not widen it if there is none.  A gap that is too small to be seen in the mean
+        over all rows must show in the deviance and must not widen.
         """
         share, gain = self.share, self.sizes.held_out_gain
         first, left, floor = self.sizes.held_out_before, self.sizes.held_out_after, self.sizes.held_out_noise_floor
         if first is None or left is None or floor is None:
-            return "none can be held against repetitions that it was not fitted to, for no condition has two"
+            return "no formula can be tested on held-out repetitions, because no condition has two"
         if share is None and not (gain is not None and gain >= ALARM):
-            return "none can be held against repetitions that it was not fitted to, for there is no gap in such"
+            return "no formula can be tested on held-out repetitions, because they show no gap"
         if share is None and not left <= (1 + WORSE) * first:
-            return "none does without widening the gap on repetitions that it was not fitted to"
-        if share is not None and not share >= HOLDS:  # nor is what is no number a law
-            return "none closes the gap on repetitions that it was not fitted to"
+            return "every formula widens the gap on held-out repetitions"
+        if share is not None and not share >= HOLDS:  # also false for NaN
+            return "no formula closes the gap on held-out repetitions"
         if not left <= LEAVES * floor:
-            return "none describes repetitions that it was not fitted to"
+            return "no formula describes held-out repetitions"
         before, after = self.sizes.condition_before, self.sizes.condition_after
         if before is None or after is None:
             return ""
         seen = _closes(before, after, self.sizes.condition_noise_floor) is not None
         if not after <= (1 + WORSE) * before:
-            return f"none that closes it elsewhere does without widening it in {self.sizes.condition}, held out whole"
+            return (
+                "every formula that closes the gap elsewhere widens it in the held-out condition "
+                f"{self.sizes.condition}"
+            )
         if seen and not before - after > WORSE * before:
-            return f"none that closes it elsewhere closes any of it in {self.sizes.condition}, held out whole"
+            return (
+                "no formula that closes the gap elsewhere closes any of it in the held-out condition "
+                f"{self.sizes.condition}"
+            )
         return ""
 
     @property
     def holds(self) -> bool:
-        """Whether it is told as the law."""
+        """Whether the formula is reported as a law."""
         return not self.flaw
 
     @property
@@ -95,50 +101,50 @@ class Formula:
 
 
 def _closes(before: float | None, after: float | None, floor: float | None) -> float | None:
-    """Share of the excess that is closed; None where nothing was held out or no gap is seen there."""
+    """Closed share of the excess gap; None if nothing was held out or there is no gap."""
     if before is None or after is None or floor is None or before <= (1 + WORSE) * floor:
         return None
     return closed(before, after, floor)
 
 
 def find_formula(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress) -> Formula | None:
-    """The formula that gains most on the baseline, of the fewest terms that do; None where none is significant.
+    """The formula with the largest gain over the baseline and the fewest terms; None if none is significant.
 
-    Its terms and shapes are chosen on the repetitions that it is not held against afterwards.
+    Terms and shapes are chosen without the repetitions that are held out for the test.
     """
-    ground = _ground(bench, lab, naming)
-    chosen = _chosen(ground, progress)
+    training = _training(bench, lab, naming)
+    chosen = _chosen(training, progress)
     if chosen is None:
         return None
-    whole = _on_all(bench, naming, ground, chosen)
+    whole = _on_all(bench, naming, training, chosen)
     return None if whole.reason or whole.gain < FORM else Formula(whole, gap(bench, lab, naming.base, whole.fitted))
 
 
 @dataclass(frozen=True)
-class _Ground:
-    """The repetitions that a formula is chosen on, and the baseline there."""
+class _Training:
+    """The repetitions on which a formula is chosen, and the baseline fitted to them."""
 
     bench: Regioned
     runs: Sequence[int]
     naming: Naming
 
 
-def _ground(bench: Regioned, lab: TrackedLab, naming: Naming) -> _Ground:
-    """All that no formula is held against: neither a condition's last repetition nor the condition held out whole."""
+def _training(bench: Regioned, lab: TrackedLab, naming: Naming) -> _Training:
+    """All repetitions except those held out: the last of each condition, and one whole condition."""
     apart = runs_held_out(bench, lab)
     runs = [run for run in range(len(bench.spans)) if run not in apart]
     if not apart or not runs:
-        return _Ground(bench, range(len(bench.spans)), naming)
+        return _Training(bench, range(len(bench.spans)), naming)
     seen = subset(bench, runs)
     base = fit(seen, near=cut(naming.base, runs), most=20, rounds=2)
-    # two repetitions do not tell how they scatter beyond the noise: gains are then counted in the scatter of all
+    # two repetitions give a poor estimate of their spread: the spread of all repetitions is used then
     location = locate(seen, base) if np.bincount(seen.condition).max() > 2 else naming.location
-    return _Ground(seen, runs, replace(naming, base=base, location=location))
+    return _Training(seen, runs, replace(naming, base=base, location=location))
 
 
-def _chosen(ground: _Ground, progress: Progress) -> Candidate | None:
-    """The formula of one term, or of two where one leaves too much; None where none is significant."""
-    bench, naming = ground.bench, ground.naming
+def _chosen(training: _Training, progress: Progress) -> Candidate | None:
+    """The best formula of one term, or of two if one leaves too much; None if none is significant."""
+    bench, naming = training.bench, training.naming
     rig = bench.lab.rig  # type: ignore[attr-defined]
     plain = fixed_forms(bench, naming, progress, (*nameless(rig), *beside(rig)))
     progress("shapes of formulas", 0, 1)
@@ -147,13 +153,13 @@ def _chosen(ground: _Ground, progress: Progress) -> Candidate | None:
         return None
     if _whole(bench, naming, first):
         return first
-    second = _with_second(ground, first)
+    second = _with_second(training, first)
     return second if second is not None and second.gain - first.gain > FORM else first
 
 
-def _with_second(ground: _Ground, first: Candidate) -> Candidate | None:
-    """The best of two terms, one of which is the first."""
-    bench, naming = ground.bench, ground.naming
+def _with_second(training: _Training, first: Candidate) -> Candidate | None:
+    """The best formula of two terms that contains the first."""
+    bench, naming = training.bench, training.naming
     rig = bench.lab.rig  # type: ignore[attr-defined]
     more = [term for term in (*nameless(rig), *beside(rig)) if term.name not in first.names]
     likely = sorted(_glanced(bench, first.fitted, more), key=lambda one: one.deviance)[:LEADING]
@@ -162,22 +168,22 @@ def _with_second(ground: _Ground, first: Candidate) -> Candidate | None:
     return _better(grown, _shaped(bench, naming, first.fitted, first.cost))
 
 
-def _on_all(bench: Regioned, naming: Naming, ground: _Ground, chosen: Candidate) -> Candidate:
-    """The chosen formula fitted to all repetitions, from where it went on those that it was chosen on."""
+def _on_all(bench: Regioned, naming: Naming, training: _Training, chosen: Candidate) -> Candidate:
+    """The chosen formula fitted to all repetitions, starting from its fit to the training repetitions."""
     known = {
         u.name: float(value)
         for u, value in zip(chosen.fitted.unknowns, chosen.fitted.values, strict=True)
-        if seen_in(bench, u.name, ground.runs)
+        if seen_in(bench, u.name, training.runs)
     }
     local = naming.base.local.copy()
-    local[list(ground.runs)] = chosen.fitted.local
+    local[list(training.runs)] = chosen.fitted.local
     near = replace(naming.base, local=local, scatter=chosen.fitted.scatter)
     fitted = fit(bench, chosen.terms, near=near, beside=known, most=25)
     return candidate(naming, chosen.terms, fitted, chosen.cost)
 
 
 def _attempt(bench: Regioned, terms: tuple[Effect, ...], **how: Any) -> Fit | None:
-    """The fit of a formula; None where its equations have no solution for these tracks."""
+    """The fit of a formula; None if its equations have no solution for these tracks."""
     try:
         fitted = fit(bench, terms, **how)
     except (np.linalg.LinAlgError, ArithmeticError):
@@ -186,20 +192,22 @@ def _attempt(bench: Regioned, terms: tuple[Effect, ...], **how: Any) -> Fit | No
 
 
 def _glanced(bench: Regioned, near: Fit, terms: Sequence[Effect]) -> list[Fit]:
-    """What each term promises on top of a fit, by one Newton step; those that have none are left out."""
+    """Each term added to a fit by one Newton step; terms without a finite result are left out."""
     try:
         found = screen(bench, near, terms)
     except (np.linalg.LinAlgError, ArithmeticError):
         if len(terms) <= 1:
             return []
-        return [fitted for term in terms for fitted in _glanced(bench, near, (term,))]  # one of them spoils it for all
+        return [
+            fitted for term in terms for fitted in _glanced(bench, near, (term,))
+        ]  # one term made the joint equations singular
     return [fitted for fitted in found if math.isfinite(fitted.deviance)]
 
 
 def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequence[Effect]) -> list[Candidate]:
-    """Nameless terms of a fixed form, each alone on the baseline: those that promise most.
+    """Fit the most promising nameless terms of a fixed form, each alone on the baseline.
 
-    Where the baseline is far off, part of the data tells which these are; near the noise, one Newton step does.
+    They are chosen by fits to part of the data where the baseline fits badly, else by one Newton step.
     """
     near, base = bench, naming.base
     if base.per_row > ROUGH:
@@ -216,7 +224,7 @@ def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequ
         value = {u.name: glanced.value(u.name) for u in glanced.of(glanced.terms[0].name)}
         fitted = _attempt(bench, glanced.terms, near=base, beside=value, most=15, rounds=2)
         if fitted is not None and not fitted.converged:
-            # a formula that is still on its way cannot be held against the listed effects
+            # only a converged formula can be compared with the listed effects
             fitted = _attempt(bench, glanced.terms, near=fitted, most=40, rounds=2)
         if fitted is not None:
             found.append(candidate(naming, glanced.terms, fitted))
@@ -224,7 +232,7 @@ def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequ
 
 
 def candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit, cost: float = 0.0) -> Candidate:
-    """A formula's fit, and its gain less what its shapes cost; refused where one of its terms cannot be."""
+    """A formula as a candidate: its gain less the cost of its shapes; refused if one of its terms is not valid."""
     spread = spread_of(naming.base, naming.location)
     reason = next((why for term in terms if (why := _amiss(fitted, term))), "")
     gain = (naming.base.deviance - fitted.deviance) / spread - cost
@@ -232,23 +240,23 @@ def candidate(naming: Naming, terms: tuple[Effect, ...], fitted: Fit, cost: floa
 
 
 def _amiss(fitted: Fit, term: Effect) -> str:
-    """Why a term of a formula cannot be: its coefficients may be zero, or its shape is none; empty where it can."""
+    """Why a term is not valid: coefficients compatible with zero, or an impossible shape; empty if it is valid."""
     shape = {p.name: fitted.value(f"{term.name}.{p.name}") for p in term.parameters}
-    of_doubt = 0.0
+    significance = 0.0
     for name in shape.keys() & {"c", "d"}:
         std = fitted.std(f"{term.name}.{name}")
-        of_doubt = math.hypot(of_doubt, shape[name] / std if std > 0 else math.nan)
-    if not of_doubt >= FROM_ZERO:
-        return "within three of its standard deviations of zero"
+        significance = math.hypot(significance, shape[name] / std if std > 0 else math.nan)
+    if not significance >= FROM_ZERO:
+        return "its coefficient is within three standard deviations of zero"
     if "low" in shape and not shape["low"] < shape["high"]:
-        return "its band ends below where it begins"
+        return "the upper end of its band is below the lower end"
     if any(not shape[name] > 0 for name in shape.keys() & {"reach", "period"}):
-        return "a reach or a period that is not above zero"
+        return "its reach or period is not above zero"
     return ""
 
 
 def in_words(formula: Candidate) -> str:
-    """The terms with their coefficients and doubts."""
+    """The terms with their coefficients and standard uncertainties."""
     parts = []
     for term in formula.terms:
         numbers = []
@@ -261,7 +269,7 @@ def in_words(formula: Candidate) -> str:
 
 
 def _better(fixed: Sequence[Candidate], shaped: Sequence[Candidate]) -> Candidate | None:
-    """The best of a fixed form, unless a free shape does clearly better."""
+    """The best term of a fixed form, unless one of a free shape is clearly better."""
     plain = max((one for one in fixed if not one.reason), key=lambda one: one.gain, default=None)
     free = max((one for one in shaped if not one.reason), key=lambda one: one.gain, default=None)
     if plain is None or (free is not None and free.gain - plain.gain > FORM):
@@ -270,15 +278,15 @@ def _better(fixed: Sequence[Candidate], shaped: Sequence[Candidate]) -> Candidat
 
 
 def _whole(bench: Regioned, naming: Naming, one: Candidate) -> bool:
-    """Whether a formula leaves hardly anything of the gap."""
+    """Whether a formula closes almost all of the gap."""
     share = closed(naming.base.per_row, one.fitted.per_row, noise_floor(bench, one.fitted))
     return share is None or share >= WHOLE
 
 
 def _shaped(bench: Regioned, naming: Naming, near: Fit, cost: float = 0.0) -> list[Candidate]:
-    """Terms of free shape on top of a fit, whose own shapes cost something already; those that promise most are fitted.
+    """Fit the most promising terms of free shape on top of a fit; `cost` is the cost of the shapes in that fit.
 
-    Part of the data tells which these are.
+    They are chosen with part of the data.
     """
     rig = bench.lab.rig  # type: ignore[attr-defined]
     extent = _extent(bench, near)
@@ -306,7 +314,7 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit, cost: float = 0.0) -> li
         terms = fitted.terms
         known = {u.name: float(v) for u, v in zip(fitted.unknowns, fitted.values, strict=True)}
         whole = _attempt(bench, terms, near=near, beside=known, most=8, rounds=1)
-        if whole is not None and whole.deviance > near.deviance:  # lost from the starts of the fit before: guessed anew
+        if whole is not None and whole.deviance > near.deviance:  # poor minimum: guess releases and impacts anew
             whole = _attempt(bench, terms, near=near, start=known, most=20, rounds=1)
         if whole is not None:
             found.append(candidate(naming, terms, whole, cost + shape.cost))
@@ -314,10 +322,10 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit, cost: float = 0.0) -> li
 
 
 def _worth_all(rough: Sequence[tuple[Shape, Fit]], plain: Fit, rows: float, spread: float) -> list[tuple[Shape, Fit]]:
-    """The shapes whose fits to part of the data say that they are worth a fit to all, which have `rows` times as many.
+    """The shapes that deserve a fit to all data, from their fits to part of the data.
 
-    `plain` is the fit to that part without them.  Left out is what would not gain its cost, and what the part has told
-    apart from the best: by so much that, in units of what the best leaves, it is no chance.
+    `plain` is the fit to that part without them, and all data have `rows` times as many rows.  Left out are shapes that
+    would not gain their cost, and shapes significantly worse than the best, in units of its residual variance.
     """
     if not rough:
         return []
@@ -332,7 +340,7 @@ def _worth_all(rough: Sequence[tuple[Shape, Fit]], plain: Fit, rows: float, spre
 
 
 def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dict[str, float]]:
-    """What the best shape of the grid promises, and its numbers to begin a fit with."""
+    """Promised gain of the best shape of the grid, and its starting values for a fit."""
     best, values = -math.inf, dict[str, float]()
     at_once = AT_ONCE if shape.effect.edges is None else AT_ONCE_EDGED
     for first in range(0, len(shape.grid), at_once):
@@ -348,7 +356,7 @@ def _glance(part: Regioned, start: Fit, shape: Shape) -> tuple[float, Shape, dic
 
 
 def _extent(bench: Regioned, fitted: Fit) -> Extent | None:
-    """How long things move, over what stretch of the clock, and how far; None where nothing moves."""
+    """Longest duration [s], range of times [s] and largest extent [m] of the motion; None if nothing moves."""
     speed = np.hypot(fitted.speed[:, 0], fitted.speed[:, 1])
     moving = speed > MOVING * float(speed.max())
     times, ways = [], []

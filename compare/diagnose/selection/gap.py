@@ -1,8 +1,8 @@
-"""How large the disagreement is, before and after: on the data used, and on repetitions and conditions held out.
+"""Size of the disagreement before and after adding effects, on all data and on held-out repetitions and conditions.
 
-The gap is the mean squared deviation of rows and impacts in units of their noise, the pulls of the calibration
-included; 1 and less is noise.  All models are held against one noise and one scatter between impacts, those of the best
-model, save where an effect widens them: then each model is held against its own.
+The gap is the mean squared deviation of rows and impacts in units of their noise, including the pulls of the
+calibration; about 1 is noise.  All models are judged with the noise and the impact scatter of the best model, except
+where an effect widens them: then each model is judged with its own.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Regioned
 from rigtwin.compare.diagnose.fitting.subset import cut, subset
 from rigtwin.sim.effects import Effect
 
-MOST_NOISE = 1.5  # times the white noise, as variance: more is a misfit that differs between repetitions
+MOST_NOISE = 1.5  # largest noise variance over that of white noise; more is a misfit that differs between repetitions
 
-ONE_NOISE = "before and after on the same noise and the same scatter between impacts"
+ONE_NOISE = "before and after relative to the same noise and the same scatter between impacts"
 OWN_NOISE = {
-    "jitter": "before on the stated noise, after on the noise that the jitter widens",
-    "scatter": "before on the scatter of a sphere's impacts, after on the wider scatter that is the effect",
+    "jitter": "before relative to the stated noise, after relative to the noise widened by the jitter",
+    "scatter": "before relative to the impact scatter of a sphere, after relative to the wider scatter of the effect",
 }
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Before and after a term is added, and the floor that noise alone would leave."""
+    """Gap before and after adding effects, and the noise floor."""
 
     before: float
     after: float
@@ -39,7 +39,7 @@ class Gap:
     held_out_after: float | None = None
     held_out_noise_floor: float | None = None
     held_out_gain: float | None = None
-    """By how much the deviance of those repetitions falls [noise^2]: seen where the mean over all rows is not."""
+    """Decrease of the deviance of those repetitions [noise^2]; more sensitive than the mean over all rows."""
     condition_before: float | None = None
     condition_after: float | None = None
     condition_noise_floor: float | None = None
@@ -51,7 +51,7 @@ class Gap:
 
     @property
     def closed(self) -> float | None:
-        """Share of the excess over the noise that the term closes."""
+        """Share of the excess over the noise floor that the effects close."""
         return closed(self.before, self.after, self.noise_floor)
 
 
@@ -62,12 +62,12 @@ def closed(before: float | None, after: float | None, floor: float | None) -> fl
 
 
 def noise_floor(bench: Regioned, final: Fit) -> float:
-    """Squared deviation per coordinate [noise^2] that a model without any gap would leave."""
+    """Mean squared deviation per coordinate [noise^2] that a perfect model would leave."""
     return _noise_level(bench, final) * _floor(bench, final)
 
 
 def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
-    """The gap of the baseline and of the best model, in sample and held out."""
+    """Gap of the baseline and of the best model, on all data and on held-out data."""
     final = best or base
     level, floor = _noise_level(bench, final), noise_floor(bench, final)
     scatter = _shared_scatter(base, final)
@@ -100,7 +100,7 @@ def gap(bench: Regioned, lab: TrackedLab, base: Fit, best: Fit | None) -> Gap:
 
 @dataclass(frozen=True)
 class Beside:
-    """Another set of effects in the winner's place, fitted to all data: how much of the gap a wrong name closes."""
+    """Another set of effects, fitted to all data instead of the winner: the gap that a wrong name closes."""
 
     role: str  # "runner-up" or "placebo"
     effects: tuple[str, ...]
@@ -115,7 +115,7 @@ class Beside:
 def beside(
     bench: Regioned, base: Fit, sizes: Gap, best: Fit, tried: Sequence[tuple[Fit, float]], seed: str
 ) -> tuple[Beside, ...]:
-    """The best other set of as many effects, and a single effect drawn by lot, both fitted like the winner."""
+    """The best other set with as many effects, and a randomly chosen single effect, both fitted like the winner."""
     groups = {term.group for term in best.terms}
     others = [one for one in tried if one[0].terms and not groups & {term.group for term in one[0].terms}]
     same = [one for one in others if len(one[0].terms) == len(best.terms)] or others
@@ -137,7 +137,10 @@ def beside(
 
 
 def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tuple[float, float, float, float]:
-    """Fitted on the other repetitions, judged on these, whose own release and impacts are all that is fitted there."""
+    """Gap before, gap after, noise floor and gain on the repetitions `runs`, for models fitted to the others.
+
+    On `runs` only the releases and impacts are fitted.
+    """
     others = [r for r in range(len(bench.spans)) if r not in runs]
     seen, unseen = subset(bench, others), subset(bench, runs)
     judges = []
@@ -157,26 +160,26 @@ def _held_out(bench: Regioned, runs: Sequence[int], base: Fit, best: Fit) -> tup
 
 
 def runs_held_out(bench: Regioned, lab: TrackedLab) -> set[int]:
-    """Numbers of the repetitions that a model is held against without having been fitted to them."""
+    """Numbers of the held-out repetitions."""
     one = _extreme_condition(lab)
     return {*_last_repetitions(lab), *([] if one is None else np.flatnonzero(bench.condition == one).tolist())}
 
 
 def seen_in(bench: Bench, name: str, runs: Sequence[int]) -> bool:
-    """Whether an unknown acts in any of these repetitions: a doubt of the held-out condition alone, such as its angle,
-    is no part of the model."""
+    """Whether an unknown acts in any of these repetitions.  Unknowns of the held-out condition alone, such as its
+    angle, are not part of the tested model."""
     part = bench.touches(name)
     return part is None or bool(part[1][list(runs)].any())
 
 
 def _widens(fitted: Fit) -> bool:
-    """Whether an effect of the model is the scatter between impacts itself."""
+    """Whether the model has an effect that widens the scatter between impacts."""
     return any(term.geometry == "scatter" for term in fitted.terms)
 
 
 def _shared_scatter(base: Fit, best: Fit) -> np.ndarray:
-    """What all are held against: the best model's, for the baseline's has taken up part of the effect; the baseline's,
-    kept to that of spheres, where a wider scatter is the effect."""
+    """The impact scatter used for all models: that of the best model, as that of the baseline has absorbed part of the
+    effect; if a wider scatter is the effect, that of the baseline, which is limited to that of spheres."""
     return base.scatter if _widens(best) else best.scatter
 
 
@@ -196,10 +199,10 @@ def _size(bench: Bench, fitted: Fit, shared: np.ndarray) -> float:
 
 
 def _noise_level(bench: Regioned, fitted: Fit) -> float:
-    """Variance of the residuals about what repetitions share, over that of the white noise; at least 1.
+    """Variance of the residuals about their mean over repetitions, over that of white noise; at least 1.
 
-    Correlated tracking errors and the picture's pixels are in the residuals of any model; what the repetitions of a
-    condition have in common in a region is not noise.
+    Residuals of every model contain correlated tracking errors and pixel locking; the mean over the repetitions of a
+    condition in a region is misfit, not noise.
     """
     owner = bench.condition[np.repeat(np.arange(len(bench.spans)), [s.stop - s.start for s in bench.spans])]
     cell = owner * len(bench.region_names) + bench.region
@@ -221,13 +224,13 @@ def _floor(bench: Bench, fitted: Fit) -> float:
 
 
 def _last_repetitions(lab: TrackedLab) -> list[int]:
-    """Numbers of the last repetition of each condition that has more than one."""
+    """Number of the last repetition of each condition that has more than one."""
     counts = np.array([len(condition.repetitions) for condition in lab.conditions])
     return (np.cumsum(counts) - 1)[counts > 1].tolist()  # type: ignore[no-any-return]
 
 
 def _extreme_condition(lab: TrackedLab) -> int | None:
-    """One condition held out whole: the last in the list whose bead and wall are seen in others too."""
+    """Number of the held-out condition: the last whose bead and wall also occur in others; None if there is none."""
     for number in reversed(range(len(lab.conditions))):
         one = lab.conditions[number]
         rest = [c for c in lab.conditions if c is not one]
@@ -237,5 +240,5 @@ def _extreme_condition(lab: TrackedLab) -> int | None:
 
 
 def names(terms: Sequence[Effect]) -> str:
-    """The titles of some effects, as a sentence has them."""
+    """Titles of some effects, joined for a sentence."""
     return " and ".join(term.title for term in terms)

@@ -1,8 +1,8 @@
-"""Where twin and measurement disagree: residuals averaged over repetitions, region by region, with Holm's correction.
+"""Locate where model and measurement disagree: mean residuals by region, with Holm's correction.
 
-Rows are put into regions by events (release, impacts, turning points).  In each region of each condition the mean
-residual over repetitions is set against its standard error.  The error is that of the tracking noise, widened where
-the repetitions of all conditions scatter more than that (correlated tracking, pixel locking).
+Events (release, impacts, turning points) divide the rows into regions.  In each region of each condition the mean
+residual over repetitions is divided by its standard error.  The error follows from the tracking noise, and is widened
+where the repetitions scatter more (correlated tracking errors, pixel locking).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ AXES = ("x", "y")
 
 @dataclass(frozen=True)
 class Disagreement:
-    """One region of one condition in which the mean residual is not noise."""
+    """One region of one condition in which the mean residual is significant."""
 
     experiment: str
     record: str  # "x" or "y" of the track
@@ -33,19 +33,19 @@ class Disagreement:
 
 @dataclass(frozen=True)
 class Location:
-    """All that the residuals of a fit say of where."""
+    """Result of the test of all regions."""
 
     found: tuple[Disagreement, ...]  # the significant ones, strongest first
     tested: int
     statistic: float
-    """S: mean of z^2 over all regions; about 1 or less where nothing is left."""
+    """S: mean of z^2 over all regions; about 1 or less without a disagreement."""
     p: float  # 1 where nothing could be tested
     spread: float
-    """Between-repetition variance of region means over that of white noise; 1 for white noise."""
+    """Variance of region means between repetitions over that expected of white noise, at least 1."""
 
 
 def locate(bench: Regioned, fitted: Fit, level: float = 0.02) -> Location:
-    """Test every region of every condition."""
+    """Test every region of every condition at the family-wise significance `level`."""
     means, counts = _region_means(bench, fitted)
     spread = _spread(bench, means, counts)
     rows = []
@@ -77,7 +77,7 @@ def locate(bench: Regioned, fitted: Fit, level: float = 0.02) -> Location:
 
 
 def holm(p: Array) -> Array:
-    """p-values adjusted for the number of tests (Holm 1979).
+    """p-values adjusted for the number of tests, shape (n,) (Holm 1979).
 
     >>> holm(np.array([0.01, 0.04, 0.03])).round(3).tolist()
     [0.03, 0.06, 0.06]
@@ -92,7 +92,7 @@ def holm(p: Array) -> Array:
 
 
 def _region_means(bench: Regioned, fitted: Fit) -> tuple[Array, Array]:
-    """Mean residual per repetition and region (R, regions, 2), and how many rows stand behind it."""
+    """Mean residual (R, regions, 2) and number of rows (R, regions) by repetition and region."""
     regions = len(bench.region_names)
     repetitions = len(bench.spans)
     sums, counts = np.zeros((repetitions, regions, 2)), np.zeros((repetitions, regions))
@@ -104,11 +104,11 @@ def _region_means(bench: Regioned, fitted: Fit) -> tuple[Array, Array]:
 
 
 def _spread(bench: Regioned, means: Array, counts: Array) -> float:
-    """Variance between repetitions of a region's mean, times its rows: 1 for white noise, more for correlated."""
+    """Variance of region means between repetitions times the rows: 1 for white noise, more for correlated noise."""
     seen = counts >= 3  # (R, regions)
     mine = [np.flatnonzero(bench.condition == c) for c in range(len(bench.condition_names))]
     regions = [(rows[seen[rows, g]], g) for rows in mine for g in range(counts.shape[1])]
-    # two say little of how they scatter: they are asked where no condition has more
+    # pairs of repetitions give a poor variance: they are used only if no condition has three
     repeated = [one for one in regions if len(one[0]) >= 3] or [one for one in regions if len(one[0]) == 2]
     if not repeated:
         return 1.0
@@ -116,5 +116,5 @@ def _spread(bench: Regioned, means: Array, counts: Array) -> float:
     for here, g in repeated:
         off = means[here, g] - means[here, g].mean(0)
         values.append(np.sum(off**2, axis=0) / (len(here) - 1) * float(np.mean(counts[here, g])))
-    # a region in which the model fails differently in each repetition has no say beyond this
+    # capped, so that regions where the model fails differently in each repetition do not dominate
     return max(1.0, float(np.mean(np.minimum(np.concatenate(values), 25.0))))

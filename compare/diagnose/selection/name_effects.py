@@ -1,4 +1,4 @@
-"""Which effect it is: every candidate fitted together with the baseline's own parameters, singly and in pairs."""
+"""Name the effects: forward selection, each candidate fitted together with the unknowns of the baseline."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
 ALARM = 16.0
-"""Least gain in deviance for a first effect: what the best of twenty false ones gains once in 1000 labs."""
-RIVAL = 0.3  # a single that gains less than this share of the best is no root for pairs
+"""Smallest gain in deviance for a first effect: the best of twenty false effects reaches it once in 1000 labs."""
+RIVAL = 0.3  # share of the best gain that a single effect needs to be extended to pairs
 ALIKE = 6.0
-"""Candidates closer than this in deviance explain the data equally well."""
+"""Difference in deviance below which two candidates explain the data equally well."""
 AHEAD = 2.0
-"""Deviance, odds of e to one: what a form that takes what not every lab has must lead by to be told first."""
+"""Lead in deviance (odds of e to one) that a special form of an effect needs over a more common one."""
 FORM = 25.0
-"""A nameless term must beat the listed effects by this much to call a disagreement unlisted."""
-MOST_TERMS = 3
-MOST_ROUNDS = 6  # of growing a set, whatever is still gained
-KEEN = 5  # candidates beside a root that are fitted where the disagreement is large
-LEADING = 4  # candidates of each size that are fitted to the end on all data
-NOTABLE = 1.0  # deviance: less is rounding of the fits
+"""Lead in deviance over the listed effects with which a nameless term makes a disagreement unlisted."""
+MOST_TERMS = 3  # largest number of effects in a set
+MOST_ROUNDS = 6  # largest number of rounds of growing a set
+KEEN = 5  # candidates that are fitted beside a root where the disagreement is large
+LEADING = 4  # candidates of each size that are fitted to convergence on all data
+NOTABLE = 1.0  # difference in deviance below which two fits differ only by rounding
 DECADES = 3.0
-"""Powers of ten, any alike, in which a coefficient lies that only the data tell: rolling friction from 1e-4 to 0.1."""
-GLANCE = 6.0  # a candidate whose first step promises less than this is not fitted to the end
-ASTRAY = 0.5  # of the baseline's deviance: what it comes to from a candidate's place, where it had lost its way
-FURTHER = 2  # times that the fit of a leading candidate goes on where it has not converged
-ROUGH = 2.0  # chi2 per coordinate above which part of the data tells the candidates apart
-LOST = 20.0  # ... and above which a fit from the baseline may not find its way
+"""Width in decades of the log-uniform prior of a coefficient, for example rolling friction from 1e-4 to 0.1."""
+GLANCE = 6.0  # promised gain in deviance below which a candidate is not fitted
+ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline shows that the old one was a poor minimum
+FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
+ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
+LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
 Tell = Callable[[str, float, float], None]
 
 
 @dataclass(frozen=True)
 class Naming:
-    """Everything tried and what came of it."""
+    """All fitted candidates, the best one and its rivals."""
 
     base: Fit
     location: Location  # of the baseline's residuals
@@ -56,39 +56,39 @@ class Naming:
     alike: tuple[Candidate, ...]
     """Other plausible sets that explain the data equally well."""
     after: Location
-    """Of the residuals of the best, or of the baseline where there is none."""
+    """Location for the residuals of the best set, or of the baseline if there is none."""
     rounds: tuple[tuple[Candidate, ...], ...] = ()
     forms: tuple[Candidate, ...] = ()
-    """Sets of the same families as the best that explain the data equally well."""
+    """Other forms of the best set (same families of effects) that explain the data equally well."""
     broken: tuple[str, ...] = ()
     """Sets that could not be fitted."""
     unseen: tuple[Effect, ...] = ()
-    """Effects of the rig that no data of such a lab could show."""
+    """Effects of the rig that cannot act in this lab."""
 
 
 @dataclass
 class _Search:
-    """One lab's candidates as they are tried: roughly on a part of the data where the disagreement is large."""
+    """The candidates of one lab; with a large disagreement they are screened on part of the data."""
 
     bench: Regioned
     base: Fit
     spread: float
     done: dict[frozenset[str], Candidate] = field(default_factory=dict)
     rough: tuple[Regioned, Fit] | None = None
-    """A part of the data and the baseline's fit to it, where the baseline is far off."""
+    """Part of the data and the baseline's fit to it, if the baseline fits badly."""
     beside: dict[tuple[frozenset[str], frozenset[str]], float] = field(default_factory=dict)
-    """What sets gain over smaller ones whose laws may be bent."""
+    """Gain of a set over a smaller one whose laws are free (see `bent_laws`)."""
     broken: dict[str, None] = field(default_factory=dict)
-    """Sets whose equations had no solution."""
+    """Sets whose normal equations were singular."""
 
     def begin(self) -> None:
-        """Take a part of the data where the whole is not needed to tell the candidates apart."""
+        """Choose part of the data if the disagreement is large enough for screening."""
         if self.base.per_row > ROUGH:
             part, chosen = coarse(self.bench)
             self.rough = part, fit(part, near=cut(self.base, chosen), most=20, rounds=1)
 
     def consider(self, root: Candidate | None, candidates: Sequence[Effect]) -> list[Candidate]:
-        """Each candidate added to the `root`, to the baseline where there is none."""
+        """Fit each candidate added to `root`, or to the baseline if there is none."""
         if root is not None and self.is_part(root.fitted):
             root = self.done[frozenset(root.names)] = self._to_the_end(root)
         near = self.base if root is None else root.fitted
@@ -97,7 +97,7 @@ class _Search:
         fresh = [e for key, e in zip(keys, candidates, strict=True) if key not in self.done]
         if self.rough is None or near.per_row < ROUGH:
             for first in screen(self.bench, near, fresh):
-                # one step says nothing of an effect that has no slope at zero
+                # one Newton step is no estimate for an effect whose derivative vanishes at zero
                 dull = near.deviance - first.deviance < GLANCE and not first.terms[-1].flat
                 self._add(first) if dull else self._attempt(first.terms, partial(_fit, self.bench, first.terms, near))
         elif fresh:
@@ -114,9 +114,9 @@ class _Search:
         return [self.done[key] for key in keys if key in self.done]
 
     def siblings(self, one: Candidate, candidates: Sequence[Effect]) -> list[Candidate]:
-        """The set with each effect in turn in another form of its family.
+        """Fit the set with each effect in turn replaced by another form of its family.
 
-        Which form of a drag it is, is seen beside the other effects: alone it stood for them too.
+        The form of an effect is determined beside the other effects: alone it also absorbs their residuals.
         """
         part, near = self.bench, one.fitted
         if one.rough is not None and self.rough is not None:
@@ -134,7 +134,7 @@ class _Search:
         return self.polish([self.done[key] for key in keys if key in self.done])
 
     def settle(self, singles: list[Candidate]) -> list[Candidate]:
-        """Fit the baseline again from where the best candidate went: no effect may gain by a better way found."""
+        """Fit the baseline again from the best candidate, so that no effect gains by a better local minimum."""
         if self.base.per_row > ROUGH or not singles:
             return singles
         ahead = max(singles, key=lambda one: one.gain)
@@ -150,7 +150,7 @@ class _Search:
         return settled
 
     def _attempt(self, terms: tuple[Effect, ...], fitting: Callable[[], Fit]) -> None:
-        """Fit a candidate; one whose equations have no solution is left out, and told."""
+        """Fit a candidate; one with singular equations is left out and reported in `broken`."""
         try:
             self._add(fitting())
         except np.linalg.LinAlgError:
@@ -162,7 +162,7 @@ class _Search:
         self.done[frozenset(near_names(fitted))] = Candidate(fitted.terms, fitted, self._gain(fitted), reason, rough)
 
     def _gain(self, fitted: Fit) -> float:
-        """Of a fit to part of the data as much as it would be on all of them."""
+        """Gain of a fit over the baseline; for a fit to part of the data extrapolated to all data."""
         plain = self.base
         if self.is_part(fitted):
             assert self.rough is not None
@@ -171,7 +171,7 @@ class _Search:
         return gain / self.spread + self._spared(fitted)
 
     def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
-        """The leading candidates fitted to the end, on all data."""
+        """The candidates, with the leading ones fitted to convergence on all data."""
         leading = sorted(candidates, key=lambda one: -one.gain)[:LEADING]
         leading += [one for one in front_of(candidates, 2) if one not in leading]
         result = {frozenset(one.names): one for one in candidates}
@@ -185,9 +185,9 @@ class _Search:
         return list(result.values())
 
     def reduced(self, more: Candidate, best: Candidate) -> Candidate:
-        """The best of what is left of a set when one of its effects is taken out, fitted from where the set went.
+        """The best set after removal of one effect, fitted from the solution of the larger set.
 
-        A single effect whose fit had lost its way is found so.
+        This finds single effects whose first fit ended in a poor local minimum.
         """
         near = more.fitted
         if self.is_part(near):
@@ -215,13 +215,12 @@ class _Search:
         for _ in range(FURTHER):
             if fitted.converged or fitted.per_row > LOST:
                 break
-            # two calibration quantities that almost stand for each other: the way along their valley is long
+            # nearly interchangeable calibration quantities form a long valley, which needs many steps
             fitted = fit(self.bench, one.terms, near=fitted, most=40)
         return Candidate(one.terms, fitted, self._gain(fitted), refused(fitted, one.terms), one.rough)
 
     def certified(self, one: Candidate) -> Candidate:
-        """Fitted on until neither the unknowns nor the scatter change: what is reported of it must not depend on the
-        way there."""
+        """The candidate fitted until unknowns and scatter converge, so that the report does not depend on the path."""
         if self.is_part(one.fitted):
             one = self._to_the_end(one)
         fitted = fit(self.bench, one.terms, near=one.fitted, most=40, rounds=12)
@@ -230,12 +229,12 @@ class _Search:
         return done
 
     def _spared(self, fitted: Fit) -> float:
-        """What it is worth to make do without unknowns of the baseline."""
+        """Gain in deviance for the unknowns of the baseline that the set makes unnecessary."""
         tied = getattr(self.bench, "tied", None)
         return spared(self.base, tied(fitted.terms)) if tied is not None else 0.0
 
     def earned(self, fewer: Candidate, more: Candidate) -> bool:
-        """Whether what `more` has beyond `fewer` gains what it must, or enough whatever the law of `fewer`."""
+        """Whether the further effects of `more` gain their price, or enough even if the laws of `fewer` are free."""
         gained = more.score - fewer.score
         if gained < SECOND or gained >= price(fewer, more, self.bench.lab.rig):  # type: ignore[attr-defined]
             return gained >= SECOND
@@ -245,7 +244,7 @@ class _Search:
         return self.beside[key] >= SECOND
 
     def each_needed(self, candidate: Candidate) -> bool:
-        """Whether no term can be left out at less than the price of a term."""
+        """Whether every term gains its price."""
         for term in candidate.terms:
             rest = self.done.get(frozenset(name for name in candidate.names if name != term.name))
             if rest is not None and not self.earned(rest, candidate):
@@ -253,12 +252,15 @@ class _Search:
         return True
 
     def is_part(self, fitted: Fit) -> bool:
-        """Whether a fit is to a part of the data alone."""
+        """Whether a fit used only part of the data."""
         return len(fitted.residual) != len(self.base.residual)
 
 
 def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
-    """Forward selection over the library, from the fewest terms up, with pairs grown from the three best singles."""
+    """Forward selection over the candidates, from single effects up, with pairs grown from the three best singles.
+
+    `tell` is called with step, number and count.
+    """
     location = locate(bench, base)
     search = _Search(bench, base, spread_of(base, location))
     search.begin()
@@ -271,15 +273,15 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     if best is not None and base.per_row > ROUGH and not search.is_part(best.fitted):
         again = fit(bench, (), near=best.fitted, rounds=6)
         if again.deviance < ASTRAY * base.deviance:
-            # the baseline had lost its way and a candidate found it: none may take credit for that
-            told = name_effects(bench, candidates, again, tell)
-            return replace(told, broken=tuple(dict.fromkeys((*search.broken, *told.broken))))
+            # the baseline was in a poor local minimum: start again, so that no candidate gains by that
+            found = name_effects(bench, candidates, again, tell)
+            return replace(found, broken=tuple(dict.fromkeys((*search.broken, *found.broken))))
     if best is None or best.score < ALARM:
         none = Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
         return replace(none, broken=tuple(search.broken))
     front = [best]
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
-        # one effect does not do: the first of the pair need not be the best single
+        # one effect is not enough, and the best pair need not contain the best single
         most = math.inf if best.fitted.per_row > ROUGH else LOST
         front = [one for one in front_of(singles, 3) if one.score > RIVAL * best.score and one.fitted.per_row < most]
     count = 2
@@ -300,7 +302,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
             rounds[-1], more = tuple(grown), best_of(grown) or more
         fewer = search.reduced(more, best)
         if fewer.score > best.score + NOTABLE and not search.earned(fewer, more):
-            best, front = fewer, [fewer]  # as good with one effect less: the set is grown from there again
+            best, front = fewer, [fewer]  # as good with one effect fewer: grow again from that set
         elif search.each_needed(more):
             best, front, count = more, front_of(grown, 3), count + 1
         else:
@@ -309,7 +311,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
 
 
 def _concluded(search: _Search, best: Candidate, location: Location, rounds: Sequence[tuple[Candidate, ...]]) -> Naming:
-    """The best that stays plausible when it is fitted to the end, and what explains the data as well."""
+    """The best set that is still plausible after convergence, and the sets that explain the data equally well."""
     done, chosen = search.done, search.certified(best)
     while chosen.reason or chosen.score < ALARM:
         rest = best_of([one for one in done.values() if one.score >= ALARM])
@@ -318,7 +320,7 @@ def _concluded(search: _Search, best: Candidate, location: Location, rounds: Seq
         chosen = search.certified(rest)
     chosen, others = _plainest(search, chosen)
     forms = tuple(one for one in others if one.groups == chosen.groups)
-    # a thin plate is another cause than a loss in the bead, though the law of the impact is alike
+    # a thin plate and a loss in the bead have similar impact laws but are different causes
     near = [one for one in others if one.groups != chosen.groups or _specials(one) != _specials(chosen)]
     after = locate(search.bench, chosen.fitted)
     return Naming(
@@ -327,13 +329,13 @@ def _concluded(search: _Search, best: Candidate, location: Location, rounds: Seq
 
 
 def _rivals(done: Mapping[frozenset[str], Candidate], chosen: Candidate) -> list[Candidate]:
-    """Other plausible sets of as many effects that explain the data equally well."""
+    """Other plausible sets with the same number of effects that explain the data equally well."""
     same_size = [one for one in done.values() if len(one.terms) == len(chosen.terms) and not one.reason]
     return [one for one in same_size if chosen.score - one.score < ALIKE and one.names != chosen.names]
 
 
 def _plainest(search: _Search, first: Candidate) -> tuple[Candidate, list[Candidate]]:
-    """Of the forms that one set of families takes equally well, the one that asks for the least, and all that explain
+    """The form of `first` with the fewest special effects among those that fit equally well, and all sets that explain
     the data as well as the better of it and `first`."""
 
     def plainer() -> list[Candidate]:
@@ -341,7 +343,7 @@ def _plainest(search: _Search, first: Candidate) -> tuple[Candidate, list[Candid
         return [one for one in rivals if one.groups == first.groups and _specials(one) < _specials(first)]
 
     for one in plainer():
-        # `first` was fitted to the end: against it a fit that was not would seem to be behind
+        # `first` has converged: a fit that has not would be at a disadvantage
         search.certified(one)
     plain = best_of(plainer())
     chosen = plain if plain is not None and first.score - plain.score < AHEAD else first
@@ -355,22 +357,22 @@ def _specials(candidate: Candidate) -> int:
 
 
 def spared(base: Fit, names: Sequence[str]) -> float:
-    """Deviance that one coefficient is worth in the place of these, by Laplace's evidence.
+    """Gain in deviance for replacing these coefficients by one, from the Laplace approximation of the evidence.
 
-    Each could have lain anywhere in its range and is known to its doubt, which they share in part (an incline that is
-    not quite as stated); the one in their place is known as well as all of them together.  Data that say little of each
-    are no reason to tie them.
+    Each coefficient has a log-uniform prior over `DECADES` and a posterior with the covariance of the fit (correlated,
+    for example by a common angle error); the single coefficient is known as well as all of them together.  The gain is
+    zero where the data determine the coefficients poorly.
     """
     if not names:
         return 0.0
     at = [base.index(name) for name in names]
-    if not np.all(base.values[at] > 0):  # at the end of its range: nothing is known of its logarithm
+    if not np.all(base.values[at] > 0):  # at the end of the range the logarithm is undefined
         return 0.0
-    doubts = base.covariance[np.ix_(at, at)] / np.outer(base.values[at], base.values[at])  # of the logarithms
-    sign, volume = np.linalg.slogdet(doubts)
+    relative = base.covariance[np.ix_(at, at)] / np.outer(base.values[at], base.values[at])  # of the logarithms
+    sign, volume = np.linalg.slogdet(relative)
     if sign <= 0:
         return 0.0
-    together = float(np.linalg.solve(doubts, np.ones(len(at))).sum())  # one over the variance of the one in their place
+    together = float(np.linalg.solve(relative, np.ones(len(at))).sum())  # inverse variance of the single coefficient
     if not together > 0:
         return 0.0
     wide = math.log(DECADES * math.log(10) / math.sqrt(2 * math.pi))
@@ -378,18 +380,18 @@ def spared(base: Fit, names: Sequence[str]) -> float:
 
 
 def spread_of(base: Fit, location: Location) -> float:
-    """By how much the residuals of repetitions scatter beyond the stated noise; gains are counted in it."""
-    # a misfit differs from repetition to repetition too; only a fit near the noise tells of the noise
+    """Variance of the residuals between repetitions over that of white noise; gains are divided by it."""
+    # a misfit also differs between repetitions, so the estimate is valid only for a fit near the noise
     return location.spread if base.per_row < 1.5 else 1.0
 
 
 def _hopeless(one: Candidate) -> bool:
-    """Whether a set of several effects is no description of the part of the data that it was fitted to."""
+    """Whether a set of several effects does not fit even the part of the data that it was fitted to."""
     return len(one.terms) > 1 and one.rough is not None and one.rough.per_row > LOST
 
 
 def near_names(fitted: Fit) -> tuple[str, ...]:
-    """The names of a fit's effects."""
+    """Names of the effects of a fit."""
     return tuple(term.name for term in fitted.terms)
 
 
@@ -398,7 +400,7 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     parameter = newest.parameters[0]
     name = f"{newest.name}.{parameter.name}"
     far, lost = near.per_row > ROUGH, near.per_row > LOST
-    # the leading ones are fitted to the end afterwards
+    # the leading candidates are fitted to convergence afterwards
     fitted = partial(fit, bench, terms, most=20 if far else 25, rounds=1 if far else 2)
     if newest.geometry in WIDENING:
         return fitted(near=near)
@@ -407,14 +409,14 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     if lost or newest.flat:
         fits += [fitted(**_begun(near, name, value)) for value in starts]
     elif fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
-        # there may be another minimum on the physical side: a clump that is held less once it slides, against one
-        # that is held more and climbs the arm before it slides
+        # there may be another minimum in the physical range, e.g. lower friction during sliding instead of higher
+        # friction with which the clump would climb the arm
         fits.append(fitted(**_begun(near, name, parameter.typical)))
     return min(fits, key=lambda one: one.deviance)
 
 
 def _begun(near: Fit, name: str, value: float) -> dict[str, Any]:
-    """Where a fit begins that is to find its way from this value of an unknown."""
+    """Arguments for a fit that starts with this value of an unknown."""
     if near.per_row > LOST:
         return {"start": {**_values(near), name: value}}
     return {"near": near, "beside": {name: value}}
@@ -425,5 +427,5 @@ def _values(near: Fit) -> dict[str, float]:
 
 
 def _apart(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """One of each family."""
+    """The best candidate of each family."""
     return front_of(candidates, len(candidates))

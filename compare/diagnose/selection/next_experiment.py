@@ -1,8 +1,8 @@
-"""The experiment that would tell rival names apart: each setting is simulated with both fitted models.
+"""Find the experiment that would separate rival effects: each setting is simulated with both fitted models.
 
-What one model would show there is fitted with the other, whose unknowns keep the doubt that the present data leave
-them (their whole covariance) and whose releases and impacts are free.  What cannot be fitted away is the expected
-separation; Box & Hill 1967, linearised.
+The prediction of one model is fitted with the other.  The unknowns of the other have the covariance of the present fit
+as prior, and its releases and impacts are free.  The remaining misfit is the expected separation (Box & Hill 1967,
+linearised).
 """
 
 from __future__ import annotations
@@ -26,54 +26,54 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import named
 from rigtwin.sim.effects.effect import WIDENING
 
-REPETITIONS = 5
-MORE = (10, 20)  # repetitions, where fewer of no setting would tell
-LEADING = 4  # settings that are looked at closely
-ENOUGH = 0.02  # of the misfit: what less than this can be fitted away no longer matters
-START = 0.03  # [s], of the motion in the simulated record
-LONGEST = 20.0  # [s]
-SPHERE = 4 / 3 * math.pi  # its volume over the cube of its radius
+REPETITIONS = 5  # repetitions assumed for each setting
+MORE = (10, 20)  # repetitions tried if no setting separates the rivals with fewer
+LEADING = 4  # settings that are evaluated in both directions
+ENOUGH = 0.02  # relative decrease of the misfit that ends the fit
+START = 0.03  # [s], start of the motion in the simulated record
+LONGEST = 20.0  # [s], longest simulated record
+SPHERE = 4 / 3 * math.pi  # volume of a sphere over the cube of its radius
 OF_MATERIAL = ("restitution.", "rolling_friction.", "static_friction.")
 CLEAR = 4.0
-"""Separation in standard deviations that tells two names apart."""
+"""Separation in standard deviations that separates two names."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One thing to do differently at the bench."""
+    """One change of the experiment."""
 
     words: str
     density: float = 1.0  # times that of the bead used
     size: float = 1.0
     state: Mapping[str, float] = field(default_factory=dict)
-    """The rig's own quantities by the name of the bench's attribute, SI."""
+    """Quantities of the rig by the name of the bench's attribute, SI units."""
     release: float | None = None
     """The height [m] or the angle [rad] of the release."""
     longer: float = 1.0
     thickness: float = 1.0
-    """Times that of the plate, which is of the same material."""
+    """Factor on the thickness of the plate, same material."""
 
     @property
     def elsewhere(self) -> bool:
-        """Whether another ball is used, of which neither restitution nor friction is known beforehand."""
+        """Whether another ball is used, whose restitution and friction are unknown."""
         return self.density != 1.0 or self.size != 1.0
 
     @property
     def change(self) -> dict[str, Any]:
-        """What differs from the condition that it starts from, by the names above."""
+        """All changes from the starting condition, by the names above."""
         everything = asdict(self)
         return {name: everything[name] for name in ("density", "size", "state", "release", "longer", "thickness")}
 
 
 @dataclass(frozen=True)
 class Design:
-    """A setting and how far apart it would show the rivals."""
+    """A setting and the separation of the rivals expected there."""
 
     words: str
-    separation: float  # [standard deviations], of the pair that is hardest to tell apart
+    separation: float  # [standard deviations], of the pair with the smallest separation
     between: tuple[str, str] = ("", "")
     start: str = ""
-    """The condition of which one setting is changed."""
+    """The condition that the setting starts from."""
     change: Mapping[str, Any] = field(default_factory=dict)
     repetitions: int = REPETITIONS
 
@@ -89,7 +89,7 @@ class Design:
 
 
 def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
-    """All settings of the rig, the most telling first.  Rivals that widen the noise alone cannot be compared so."""
+    """All settings of the rig, largest separation first.  Rivals that only widen the noise cannot be compared."""
     rivals = [one for one in rivals if not any(term.geometry in WIDENING for term in one.terms)]
     pairs = list(combinations(rivals, 2))
     if not pairs:
@@ -98,32 +98,32 @@ def designs(bench: Regioned, rivals: Sequence[Fit]) -> list[Design]:
     found = []
     for setting in settings(bench):
         least = _hardest(bench, setting, pairs)
-        if least is not None:  # a setting of which one pair cannot be told promises nothing
+        if least is not None:  # a setting for which one pair has no finite separation is left out
             found.append((setting, *least))
     found.sort(key=lambda one: -one[1])
-    # which of the two is true matters little: both ways are gone through where it will be acted upon
+    # the separation depends little on which rival is true; for the leading settings both cases are computed
     turned = [(other, one) for one, other in pairs]
     leading = []
     for setting, apart, between in found[:LEADING]:
         if (least := _hardest(bench, setting, turned)) is not None:
             leading.append((setting, *min((apart, between), least)))
     leading.sort(key=lambda one: -one[1])
-    told = [
+    ranked = [
         Design(setting.words, apart, between, start, setting.change)
         for setting, apart, between in leading + found[LEADING:]
     ]
     for count in MORE if leading else ():
-        if told[0].separation >= CLEAR:
+        if ranked[0].separation >= CLEAR:
             break
         if (least := _hardest(bench, leading[0][0], [*pairs, *turned], count)) is not None:
-            told[0] = replace(told[0], separation=least[0], between=least[1], repetitions=count)
-    return told
+            ranked[0] = replace(ranked[0], separation=least[0], between=least[1], repetitions=count)
+    return ranked
 
 
 def _hardest(
     bench: Regioned, setting: Setting, pairs: Sequence[tuple[Fit, Fit]], repetitions: int = REPETITIONS
 ) -> tuple[float, tuple[str, str]] | None:
-    """The separation of the pair that is hardest to tell apart, and its names; None where one cannot be told."""
+    """Smallest separation of any pair, and the names of that pair; None if one separation is not finite."""
     apart = []
     for one, other in pairs:
         found = separation(bench, setting, one, other, repetitions)
@@ -138,7 +138,7 @@ def _names(fitted: Fit) -> str:
 
 
 def settings(bench: Regioned) -> list[Setting]:
-    """What can be changed in a rig of this kind."""
+    """Possible settings of a rig of this kind."""
     whole: Any = bench
     like = _like(bench)
     density = float(whole.mass[like] / (SPHERE * whole.radius[like] ** 3))
@@ -180,7 +180,7 @@ def settings(bench: Regioned) -> list[Setting]:
 
 
 def _plates(bench: Regioned) -> list[Setting]:
-    """Other plates, where the lab says enough of its own that its thickness counts."""
+    """Other plates, if the lab states enough of its own for the thickness to have an effect."""
     whole: Any = bench
     lab, condition = whole.lab, whole.conditions[_like(bench)]
     counting = [p for p in named("plate_compliance").parameters if lab.stated_for(condition, p) is not None]
@@ -194,7 +194,7 @@ def _plates(bench: Regioned) -> list[Setting]:
 
 
 def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit, repetitions: int = REPETITIONS) -> float:
-    """How many standard deviations the data of `one` would be from the best that `other` can do."""
+    """Separation in standard deviations: misfit of `other`, fitted to data predicted by `one`."""
     try:
         place, values = laid_out(bench, setting, one)
         truth = lawful(place, one, values)
@@ -206,13 +206,13 @@ def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit, repetiti
 
 
 def _like(bench: Regioned) -> int:
-    """The repetition of which one setting is changed: the one with the most impacts."""
+    """The repetition that the settings start from: the one with the most impacts."""
     active = getattr(bench, "active", None)
     return 0 if active is None else int(np.argmax(active.sum(axis=1)))
 
 
 def laid_out(bench: Regioned, setting: Setting, fitted: Fit) -> tuple[Any, Array]:
-    """A bench of one repetition at this setting, and the model's unknowns there."""
+    """A bench of one repetition at this setting, and the values of the unknowns there."""
     whole: Any = bench
     place: Any = copy.copy(subset(bench, [_like(bench)]))
     place.radius = place.radius * setting.size
@@ -248,14 +248,14 @@ def laid_out(bench: Regioned, setting: Setting, fitted: Fit) -> tuple[Any, Array
 
 
 def _with_plate(lab: TrackedLab, wall: str, times: float) -> TrackedLab:
-    """The lab with that wall so many times as thick."""
+    """The lab with the thickness of the wall multiplied by `times`."""
     walls = dict(lab.stated["walls"])
     walls[wall] = {**walls[wall], "thickness_m": times * walls[wall]["thickness_m"]}
     return replace(lab, stated={**lab.stated, "walls": walls})
 
 
 def _duration(place: Any, setting: Setting, rig: str) -> float:
-    """[s]"""
+    """Duration [s] of the simulated record."""
     if rig == "drop":
         fall = math.sqrt(2 * max(float(place.local_prior[0, 2] - place.radius[0]), 1e-3) / place.lab.gravity)
         return START + 3.0 * fall
@@ -267,14 +267,14 @@ def _duration(place: Any, setting: Setting, rig: str) -> float:
 
 
 def lawful(place: Any, fitted: Fit, values: Array) -> Array:
-    """Release as set, every impact or friction as the law has it."""
+    """Local unknowns (1, L) with the release as set and every impact or friction exactly as the law predicts."""
     local = place.local_prior.copy()
     if place.onset >= 0:
         local[:, place.onset] = START
     free = np.flatnonzero(~np.isfinite(place.local_sd[0]))
     for _ in range(3 + 2 * len(free)):
         seen = slopes(place, fitted.unknowns, fitted.terms, local, values)
-        place.rows = seen.position  # a shutter's delay goes with the place
+        place.rows = seen.position  # a shutter's delay depends on the position
         if not len(free) or not seen.soft.size or float(np.abs(seen.soft).max()) < 1e-10:
             break
         jacobian = seen.by_soft[free, 0].T  # (S, free)
@@ -284,9 +284,9 @@ def lawful(place: Any, fitted: Fit, values: Array) -> Array:
 
 
 def _left_over(place: Any, other: Fit, start: Array, *, anew: float, repetitions: int) -> float:
-    """The other model fitted to the data in `place`, from what the present data say of it.
+    """Misfit of the other model fitted to the data in `place`, with its present fit as prior.
 
-    `anew`: standard deviation by which restitution and friction may differ there from what they are here.
+    `anew` is the standard deviation of the difference of restitution and friction between there and here.
     """
     known = other.values
     loose = [anew**2 if u.name.startswith(OF_MATERIAL) else 0.0 for u in other.unknowns]

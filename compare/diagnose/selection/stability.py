@@ -1,7 +1,7 @@
-"""Whether the same name would have come out of other repetitions: bootstrap, and each repetition left out in turn.
+"""Stability of the named effects under bootstrap and leave-one-out resampling of the repetitions.
 
-What a repetition says for or against a set of effects is its own share of the deviance, releases and impacts
-integrated out; the stated calibration speaks once, whichever repetitions are drawn.
+The evidence of a repetition for a set of effects is its share of the deviance, with releases and impacts integrated
+out; the priors of the calibration count once in each resample.
 """
 
 from __future__ import annotations
@@ -14,40 +14,40 @@ import numpy as np
 from rigtwin.compare.diagnose.fitting.fit import Fit
 from rigtwin.lab.arrays import Array
 
-RESAMPLES = 2000
-SEED = 20
+RESAMPLES = 2000  # bootstrap resamples
+SEED = 20  # of the random numbers of the bootstrap
 
 
 @dataclass(frozen=True)
 class Stability:
-    """How often the winner stays first, and above the alarm."""
+    """How often the winner stays first and above the detection threshold (`alarm`)."""
 
     resamples: int
     first: float
-    """Share of bootstrap resamples of the repetitions, condition by condition, in which it stays first."""
+    """Share of bootstrap resamples (within each condition) in which the winner stays first."""
     alarm: float
-    """... and in which it would still have raised the alarm."""
+    """Share of bootstrap resamples in which its score stays above the threshold."""
     rival: str
-    """Which set is first most often where it is not; empty where there is none."""
+    """The set that is first most often in the other resamples; empty if there is none."""
     left_out: float
-    """Share of the repetitions without which it is still first and above the alarm."""
+    """Share of the repetitions without which the winner is still first and above the threshold."""
 
     def to_json(self) -> dict[str, object]:
         return asdict(self)
 
     def in_words(self) -> str:
-        """How often the name would have come out of other repetitions."""
-        other = f" (else {self.rival})" if self.rival else ""
+        """One sentence for the report."""
+        other = f" (otherwise {self.rival})" if self.rival else ""
         return (
-            f"with the repetitions drawn anew {self.resamples} times it stays first in {100 * self.first:.0f} %{other} "
-            f"and above the alarm in {100 * self.alarm:.0f} %; with one repetition left out, in "
-            f"{100 * self.left_out:.0f} %"
+            f"in {self.resamples} bootstrap resamples of the repetitions it stays first in {100 * self.first:.0f} %"
+            f"{other} and above the threshold in {100 * self.alarm:.0f} %; with one repetition left out it stays first "
+            f"and above the threshold in {100 * self.left_out:.0f} %"
         )
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A set of effects: its fit, and what its score is beyond its gain in deviance, whichever repetitions are drawn."""
+    """A set of effects: its fit, and the part of its score that does not depend on the repetitions (`credit`)."""
 
     fitted: Fit
     credit: float = 0.0
@@ -56,7 +56,7 @@ class Claim:
 def stability(
     base: Fit, winner: Claim, rivals: Sequence[Claim], condition: Array, *, alarm: float, spread: float = 1.0
 ) -> Stability | None:
-    """Scores under resampled repetitions; None where the winner was not fitted to all of them."""
+    """Scores under resampled repetitions; None if the winner was not fitted to all repetitions."""
     if not _whole(winner.fitted, base):
         return None
     rivals = [one for one in rivals if _whole(one.fitted, base) and names(one.fitted) != names(winner.fitted)]
@@ -88,6 +88,6 @@ def _pulls(fitted: Fit) -> float:
 
 
 def _whole(fitted: Fit, base: Fit) -> bool:
-    """Whether it was fitted to all data, and not only looked at from the baseline."""
+    """Whether the set was fitted to all data, not only screened."""
     known = len(fitted.by_run) == len(base.by_run)
     return known and abs(float(fitted.by_run.sum()) + _pulls(fitted) - fitted.deviance) < 1.0

@@ -1,4 +1,4 @@
-"""Diagnosis: a second name must not stand for what the first effect's law leaves, nor drown beside a strong first."""
+"""Diagnosis: an error in the law of the first effect is not named as a second, and a real second effect is found."""
 
 from types import SimpleNamespace
 
@@ -19,7 +19,7 @@ MOTION = {
 }  # fmt: skip
 
 
-def test_a_quadratic_drag_bends_towards_one_that_is_linear_and_one_that_is_cubic():
+def test_the_variations_of_a_quadratic_drag_are_linear_and_cubic():
     drag = named("air_drag")
     slower, faster = bends(drag, FITTED, sizes=False)
     for term, power in ((slower, 1), (faster, 3)):
@@ -39,16 +39,16 @@ def test_a_drag_on_beads_of_two_sizes_may_depend_on_the_size_in_another_way():
 
 
 @pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
-def test_every_law_is_bent_in_proportion_to_the_coefficient_and_what_moves_the_rig_has_none(effect):
+def test_variations_of_a_law_are_linear_in_their_coefficient_and_effects_on_the_rig_have_none(effect):
     found = bends(effect, FITTED, sizes=True)
     assert bool(found) == (not effect.geometry)
     for term in found:
         hook = next(name for name in MOTION if getattr(term, name) is not None)
-        nought, once, twice = (np.array(getattr(term, hook)(*MOTION[hook], c)) for c in (0.0, 0.01, 0.02))
-        assert twice - nought == pytest.approx(2 * (once - nought), rel=1e-6)
+        zero, once, twice = (np.array(getattr(term, hook)(*MOTION[hook], c)) for c in (0.0, 0.01, 0.02))
+        assert twice - zero == pytest.approx(2 * (once - zero), rel=1e-6)
 
 
-def test_a_share_of_a_strong_first_effect_is_asked_only_of_what_its_law_may_have_left(monkeypatch):
+def test_a_share_of_a_strong_first_effect_is_required_only_where_its_law_may_leave_residuals(monkeypatch):
     """Beside 1e9 gained, 100 is a small share: it counts where the law of the first cannot have left it."""
     search = _Search(SimpleNamespace(lab=SimpleNamespace(rig="pendulum")), None, 1.0)
     fitted = SimpleNamespace(unknowns=(), std=lambda name: 1.0, value=lambda name: 0.44)
@@ -60,14 +60,14 @@ def test_a_share_of_a_strong_first_effect_is_asked_only_of_what_its_law_may_have
         assert search.earned(drag, both) is earned
 
 
-def test_sets_of_which_one_is_no_part_of_the_other_are_not_weighed_so():
+def test_sets_that_are_not_nested_are_not_compared_with_free_laws():
     fewer, more = (
         Candidate(tuple(map(named, names)), FITTED, 0.0) for names in (("air_drag",), ("pivot_friction", "scale_error"))
     )
     assert gained_beside(SimpleNamespace(), fewer, more) == 0.0
 
 
-def test_of_forms_that_fit_alike_the_one_that_takes_no_thin_plate_is_named(monkeypatch):
+def test_of_equally_good_forms_the_one_without_a_thin_plate_is_named(monkeypatch):
     plate, bead = (
         Candidate((named(name),), SimpleNamespace(value=lambda _: 0.5), gain)
         for name, gain in (("plate_compliance", 378.1), ("restitution_viscoelastic", 377.4))
@@ -82,7 +82,7 @@ def test_of_forms_that_fit_alike_the_one_that_takes_no_thin_plate_is_named(monke
     assert _plainest(search, plate) == (plate, [])
 
 
-def test_a_plain_form_that_was_not_fitted_to_the_end_is_before_it_is_left_behind():
+def test_a_plain_form_is_fitted_to_convergence_before_it_is_rejected():
     """It seemed 5 behind and is 12 ahead: then the thin plate, and a drag as good as that, no longer do as well."""
     plate, rough, fine, drag = (
         Candidate((named(name),), SimpleNamespace(value=lambda _: 0.5), gain)
@@ -100,7 +100,7 @@ def test_a_plain_form_that_was_not_fitted_to_the_end_is_before_it_is_left_behind
     assert _plainest(SimpleNamespace(done=done, certified=certified), plate) == (fine, [])
 
 
-def test_a_law_of_the_impact_under_which_beads_would_win_energy_is_refused():
+def test_an_impact_law_by_which_beads_gain_energy_is_refused():
     def fitted(e, std):
         unknowns = [SimpleNamespace(name="restitution.D6-glass"), SimpleNamespace(name="plate_compliance.strength")]
         own = dict(zip([one.name for one in unknowns], ((e, std), (50.0, 5.0)), strict=True))
@@ -115,7 +115,7 @@ def test_a_law_of_the_impact_under_which_beads_would_win_energy_is_refused():
     assert refused(fitted(0.9, 0.01), terms) == ""
 
 
-def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_told():
+def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_reported():
     search = _Search(SimpleNamespace(), None, 1.0)
 
     def singular():
@@ -130,23 +130,21 @@ def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_told():
     ("repetitions", "scatter", "lever"),
     [(2, 0.1, False), (3, 0.1, False), (2, 0.15, False), (15, 0.03, False), (15, 0.03, True)],
 )
-def test_frictions_of_three_sizes_are_tied_where_the_data_say_so_and_not_where_they_say_little(
-    repetitions, scatter, lever
-):
+def test_frictions_of_three_sizes_are_tied_only_where_the_data_determine_them(repetitions, scatter, lever):
     """Equal ones are no lever arm, however few and scattered the repetitions; those that go with 1/d are one."""
     rng = np.random.default_rng(3)
     sizes, draws, found = np.array([1.0, 1.25, 1.5]), 200, 0
     for _ in range(draws):
         seen = rng.normal(0.0 if not lever else -np.log(sizes)[:, None], scatter, (3, repetitions))
-        doubt = np.full(3, max(float(np.var(seen, axis=1).mean()), 1e-6) / repetitions)
+        variance = np.full(3, max(float(np.var(seen, axis=1).mean()), 1e-6) / repetitions)
         tied = seen.mean(axis=1) + np.log(sizes)
-        lost = float(np.sum((tied - np.average(tied, weights=1 / doubt)) ** 2 / doubt))
-        base = SimpleNamespace(index=int, covariance=np.diag(doubt), values=np.ones(3))
+        lost = float(np.sum((tied - np.average(tied, weights=1 / variance)) ** 2 / variance))
+        base = SimpleNamespace(index=int, covariance=np.diag(variance), values=np.ones(3))
         found += spared(base, ("0", "1", "2")) - lost > ALARM
     assert found >= 0.85 * draws if lever else found <= 0.01 * draws
 
 
-def test_frictions_that_share_their_doubt_are_worth_tying():
+def test_frictions_with_a_common_uncertainty_gain_from_tying():
     """An incline that is not quite as stated moves all of them alike: what is known of their ratios counts."""
     apart, shared = 1e-4 * np.eye(3), 0.01 * np.ones((3, 3))
     alone = SimpleNamespace(index=int, covariance=apart + 0.01 * np.eye(3), values=np.ones(3))

@@ -217,7 +217,7 @@ def test_impacts_are_found_where_the_speed_jumps():
     assert found[1] - found[0] == pytest.approx(2 * 0.65 * math.sqrt(2 * G * 0.3) / G, rel=0.08)
 
 
-def test_a_diameter_that_is_a_little_off_is_found_and_no_fault_of_the_camera(tmp_path):
+def test_a_diameter_error_is_found_and_not_attributed_to_the_camera(tmp_path):
     lab = write_drops(tmp_path, 8, heights=(0.1, 0.4))
     stated = json.loads((lab / "lab.json").read_text())
     for bead in stated["particles"].values():
@@ -244,7 +244,7 @@ def dragged(tmp_path_factory):
     return verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error")
 
 
-def test_a_lab_with_nothing_hidden_gets_none(tmp_path):
+def test_a_lab_without_an_effect_has_the_verdict_none(tmp_path):
     lab = write_drops(tmp_path / "lab", 11, beads=("heavy",), repetitions=3)
     diagnosis, files = diagnose_folder(lab, tmp_path / "out")
     assert diagnosis.verdict == "none"
@@ -254,7 +254,7 @@ def test_a_lab_with_nothing_hidden_gets_none(tmp_path):
     assert diagnosis.gap.before == pytest.approx(diagnosis.gap.noise_floor, abs=0.15)
 
 
-def test_a_bead_that_lies_where_it_fell_hides_nothing(tmp_path):
+def test_a_bead_at_rest_after_its_fall_does_not_change_the_verdict(tmp_path):
     lab = write_drops(tmp_path / "lab", 76, beads=("heavy",), heights=(0.1, 0.2, 0.4), repetitions=3)
     rng, radius = np.random.default_rng(77), BEADS["heavy"]["diameter_m"] / 2
     for file in lab.glob("*/*.csv"):
@@ -291,14 +291,14 @@ def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
     assert dragged.stability.in_words() in page(dragged)
 
 
-def test_a_model_file_says_what_of_it_the_lab_does_not_state(tmp_path):
+def test_a_model_file_lists_the_assumed_properties(tmp_path):
     lab = write_drops(tmp_path / "lab", 75, beads=("heavy",), repetitions=3)
     stated = json.loads((lab / "lab.json").read_text())
     stated["particles"]["heavy"]["youngs_modulus_Pa"] = 2e9
     (lab / "lab.json").write_text(json.dumps(stated))
     _, files = diagnose_folder(lab, tmp_path / "out")
     text = files["model.toml"].read_text()
-    assert "# assumed, for the lab does not state it of heavy: poissons_ratio = 0.3\n" in text
+    assert "# assumed, because the lab does not state it for heavy: poissons_ratio = 0.3\n" in text
     assert "heavy: youngs_modulus" not in text
     assert read_model(files["model.toml"]).particles["heavy"].material.youngs_modulus == 2e9
 
@@ -306,7 +306,7 @@ def test_a_model_file_says_what_of_it_the_lab_does_not_state(tmp_path):
 FIVE_HEIGHTS = (0.1, 0.2, 0.3, 0.45, 0.6)
 
 
-def test_runs_of_one_repetition_each_are_told_from_noise_by_their_rows(tmp_path):
+def test_conditions_of_one_repetition_each_are_separated_from_noise_by_their_rows(tmp_path):
     once = partial(write_drops, heights=FIVE_HEIGHTS, repetitions=1)
     nothing = verdict_on(once(tmp_path / "nothing", 71), "air_drag", "scale_error", "frame_rate_error")
     assert nothing.verdict == "none"
@@ -316,7 +316,7 @@ def test_runs_of_one_repetition_each_are_told_from_noise_by_their_rows(tmp_path)
     assert "no condition was repeated" in drag.reason
 
 
-def test_what_differs_from_run_to_run_is_no_effect_where_nothing_was_repeated(tmp_path):
+def test_scatter_between_runs_is_no_effect_where_nothing_was_repeated(tmp_path):
     rng = np.random.default_rng(73)
     lab = write_drops(tmp_path / "lab", 74, beads=("light",), heights=FIVE_HEIGHTS, repetitions=1, drag=0.5)
     for file in lab.glob("*/rep01.csv"):  # each film with a scale and a clock of its own
@@ -335,7 +335,7 @@ def lifted(tmp_path_factory):
 
 
 @pytest.mark.parametrize("unsolved", ["", "form:constant_sideways"])
-def test_a_force_across_the_speed_that_no_list_has_is_told_as_a_formula(lifted, monkeypatch, unsolved):
+def test_an_unlisted_force_across_the_speed_is_reported_as_a_formula(lifted, monkeypatch, unsolved):
     without_a_solution(monkeypatch, lambda terms: unsolved in [term.name for term in terms])
     diagnosis = verdict_on(lifted, "air_drag", "camera_roll")
     assert diagnosis.verdict == "unlisted"
@@ -384,7 +384,7 @@ def test_a_second_term_pays_for_the_shape_of_the_first_too(lifted, monkeypatch):
     assert formula._on_all(bench, naming, ground, second).gain == pytest.approx(free.gain - 30)
 
 
-def test_which_formula_is_chosen_does_not_hang_on_what_it_is_held_against(tmp_path):
+def test_the_choice_of_a_formula_does_not_depend_on_held_out_data(tmp_path):
     given = {"beads": ("heavy",), "heights": (0.1, 0.2, 0.4), "repetitions": 4}
     one, other = (write_drops(tmp_path / name, 42, **given, lift=0.1) for name in ("one", "other"))
     odd = write_drops(tmp_path / "odd", 43, **given, drag=5.0)
@@ -412,7 +412,7 @@ def test_a_formula_of_the_first_repetitions_alone_is_no_law(tmp_path):
     assert "no more than a hint" in diagnosis.reason
 
 
-def test_a_wrong_frame_rate_is_the_cameras_fault(tmp_path):
+def test_a_wrong_frame_rate_is_attributed_to_the_camera(tmp_path):
     lab = write_drops(tmp_path / "lab", 13, beads=("heavy",), repetitions=3, clock=0.01)
     document = verdict_on(lab, "frame_rate_error", "scale_error", "air_drag").to_json()
     assert [one["effect"] for one in document["effects"]] == ["frame_rate_error"]
@@ -448,7 +448,7 @@ def test_the_model_file_of_a_rolling_bead_carries_its_rolling_friction(tmp_path)
     assert contact.restitution is None
 
 
-def test_a_table_that_leans_is_told_from_a_rolled_camera_by_a_push_the_other_way(tmp_path):
+def test_a_push_the_other_way_separates_a_tilted_table_from_a_rolled_camera(tmp_path):
     names = "plate_tilt", "camera_roll", "scale_error"
     one_way = verdict_on(write_rolls(tmp_path / "one", 4, tip=0.02), *names)
     assert one_way.verdict == "indistinguishable"
@@ -489,13 +489,13 @@ def test_one_rolling_friction_for_three_sizes_is_no_lever_arm(tmp_path):
     assert diagnose(lab, listed=[named(name) for name in ("rolling_lever", "rolling_speed")]).verdict == "none"
 
 
-def test_one_diagnosis_is_like_the_next(tmp_path):
+def test_a_diagnosis_is_reproducible(tmp_path):
     lab = read_tracked_lab(write_drops(tmp_path / "lab", 17, beads=("heavy",), repetitions=3))
     first, second = fit(DropBench(lab)), fit(DropBench(lab))
     assert first.deviance == second.deviance
 
 
-def test_holm_never_lets_a_larger_p_pass_before_a_smaller():
+def test_holm_keeps_the_order_of_p_values():
     adjusted = holm(np.array([0.01, 0.2, 0.02, 0.9]))
     assert adjusted.tolist() == pytest.approx([0.04, 0.4, 0.06, 0.9])
 
@@ -520,15 +520,18 @@ def test_a_bulk_rig_is_left_undecided_with_the_reason(tmp_path):
         ({"camera": {}}, "frame_rate_hz: is missing"),
         (
             {"camera": {"frame_rate_hz": 240, "scale_uncertainty_rel": -0.002}},
-            "scale_uncertainty_rel: -0.002 cannot be",
+            "scale_uncertainty_rel: -0.002 is impossible",
         ),
-        ({"camera": {"frame_rate_hz": 240, "tracking_noise_px": math.nan}}, "tracking_noise_px: nan is no number"),
-        ({"gravity_m_s2": -9.81}, "gravity_m_s2: -9.81 cannot be"),
+        (
+            {"camera": {"frame_rate_hz": 240, "tracking_noise_px": math.nan}},
+            "tracking_noise_px: nan is not a finite number",
+        ),
+        ({"gravity_m_s2": -9.81}, "gravity_m_s2: -9.81 is impossible"),
         ({"particles": {"heavy": {"diameter_m": 6.2, "mass_g": 0.07}}}, "6.2 is in metres; was it meant in mm"),
         ({"conditions": [{"name": "c", "bead": "heavy", "repetitions": 2}]}, "no such file"),
         ({"conditions": [{"name": "c", "bead": "heavy"}]}, "condition c: repetitions: is missing"),
-        ({"gravity_m_s2": 981}, "gravity_m_s2: 981 cannot be"),
-        ({"gravity_m_s2": 10**400}, "gravity_m_s2: 1000.* cannot be"),
+        ({"gravity_m_s2": 981}, "gravity_m_s2: 981 is impossible"),
+        ({"gravity_m_s2": 10**400}, "gravity_m_s2: 1000.* is impossible"),
         ({"particles": {"heavy": {"diameter_m": 0.006, "mass_g": 120}}}, "more than any metal"),
         ({"conditions": [{"name": "c", "bead": "gold", "repetitions": 2}]}, "bead 'gold' is not under particles"),
     ],
@@ -541,7 +544,7 @@ def test_a_bad_folder_is_refused_in_a_sentence(tmp_path, change, says):
         read_tracked_lab(tmp_path)
 
 
-def test_a_condition_that_does_not_state_its_setting_is_refused_by_name(tmp_path):
+def test_a_condition_without_its_setting_is_refused_by_name(tmp_path):
     write_lab(tmp_path, "drop", [{"name": "c", "bead": "heavy", "repetitions": 1}], {})
     (tmp_path / "c").mkdir(exist_ok=True)
     time = np.arange(60) / 240
@@ -558,7 +561,7 @@ def test_a_condition_that_does_not_state_its_setting_is_refused_by_name(tmp_path
 @pytest.mark.parametrize(
     ("unit", "says"), [(1.0, ""), (1e3, "are the columns in metres"), (1e-3, "was it meant in mm")]
 )
-def test_a_fall_from_a_bridge_is_no_length_in_millimetres(tmp_path, unit, says):
+def test_a_fall_from_a_bridge_is_not_taken_for_millimetres(tmp_path, unit, says):
     conditions = [{"name": "c", "bead": "heavy", "drop_height_m": 45.0, "repetitions": 1}]
     write_lab(tmp_path, "drop", conditions, {})
     (tmp_path / "c").mkdir()
@@ -574,7 +577,7 @@ def test_a_fall_from_a_bridge_is_no_length_in_millimetres(tmp_path, unit, says):
 def test_a_track_that_is_a_copy_of_another_is_refused(tmp_path):
     lab = write_drops(tmp_path / "lab", 79, beads=("heavy",), heights=(0.1,), repetitions=3)
     (lab / "heavy_100/rep03.csv").write_bytes((lab / "heavy_100/rep01.csv").read_bytes())
-    with pytest.raises(BadInput, match=r"rep03\.csv: holds the same as .*rep01\.csv"):
+    with pytest.raises(BadInput, match=r"rep03\.csv: has the same content as .*rep01\.csv"):
         read_tracked_lab(lab)
 
 
@@ -625,7 +628,7 @@ def test_a_folder_without_a_lab_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("effect", [None, "air_drag", "rolling_shutter", "plate_tilt", "restitution_viscoelastic"])
-def test_derivatives_are_those_of_differences(tmp_path, effect):
+def test_derivatives_agree_with_finite_differences(tmp_path, effect):
     bench = DropBench(read_tracked_lab(write_drops(tmp_path, 5, beads=("light",), heights=(0.2, 0.4), repetitions=3)))
     terms = () if effect is None else (named(effect),)
     unknowns = bench.unknowns(terms)
@@ -678,7 +681,7 @@ def test_a_lab_toml_of_tracked_drops_is_diagnosed_as_its_lab_json_is(tmp_path):
         tracked_lab(tmp_path, ["drop-9"])
 
 
-def test_a_setting_that_changes_nothing_tells_no_rivals_apart_and_a_dense_ball_tells_drag(dragged):
+def test_a_setting_without_a_change_separates_no_rivals_and_a_dense_ball_separates_drag(dragged):
     tried = {one.names: one.fitted for one in dragged.naming.tried}
     drag, shutter = tried[("air_drag",)], tried[("rolling_shutter",)]
     table = {one.words: one.separation for one in designs(dragged.bench, [drag, shutter])}
@@ -695,7 +698,7 @@ def change_rows(file, change):
     file.write_text("\n".join([lines[0], *(f"{t:.5f},{x:.6f},{y:.6f}" for t, x, y in rows)]) + "\n")
 
 
-def test_a_camera_that_looks_up_is_named_alone_wherever_its_scale_was_right(tmp_path):
+def test_a_tilted_camera_is_named_alone_for_any_position_of_its_scale(tmp_path):
     folder = write_drops(tmp_path, 21, beads=("heavy",), heights=(0.3, 0.8), repetitions=3)
     gradient, level = 0.1, 0.4
 
@@ -713,7 +716,7 @@ def test_a_camera_that_looks_up_is_named_alone_wherever_its_scale_was_right(tmp_
     assert found["std"] < 0.01
 
 
-def test_a_row_off_the_path_and_a_frame_lost_without_a_trace_are_left_out_by_name(tmp_path):
+def test_an_outlier_and_the_rows_after_a_lost_frame_are_left_out_and_reported(tmp_path):
     folder = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=3)
 
     def off_the_path(rows):
@@ -737,7 +740,7 @@ def test_a_row_off_the_path_and_a_frame_lost_without_a_trace_are_left_out_by_nam
     assert "repetition 2: left out after" in said[1]
 
 
-def test_a_key_of_lab_json_that_is_nearly_a_known_one_is_told_and_remarks_are_not(tmp_path):
+def test_a_misspelt_key_of_lab_json_gives_a_warning_and_other_keys_do_not(tmp_path):
     file = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=1) / "lab.json"
     document = json.loads(file.read_text())
     assert read_tracked_lab(file).overlooked == ()
@@ -752,14 +755,14 @@ def test_a_key_of_lab_json_that_is_nearly_a_known_one_is_told_and_remarks_are_no
     assert said[1].startswith("plate_levl_uncertainty_deg: ")
 
 
-def test_a_file_beside_the_stated_repetitions_and_a_rate_that_the_tracks_do_not_have_are_told(tmp_path):
+def test_a_file_after_the_stated_repetitions_and_a_wrong_stated_rate_give_warnings(tmp_path):
     file = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=3) / "lab.json"
     document = json.loads(file.read_text())
     document["camera"]["frame_rate_hz"] /= 2
     document["conditions"][0]["repetitions"] = 2
     file.write_text(json.dumps(document))
     unread, rate = read_tracked_lab(file).overlooked
-    assert "heavy_600/rep03.csv is there and is not read, for 2 repetitions are stated" in unread
+    assert "heavy_600/rep03.csv exists but is not read, because 2 repetitions are stated" in unread
     assert "a frame rate of 120 Hz is stated, but its tracks have 239.8 rows a second" in rate  # times to 10 us
 
 
@@ -771,12 +774,12 @@ def test_too_few_repetitions_of_a_lab_toml_are_refused_before_anything_is_measur
         tracked_lab(Path(__file__).parents[3] / "sample_media", ["drop-D6-steel"])
 
 
-def test_a_folder_that_is_no_lab_is_told_both_files_that_it_could_hold(tmp_path):
+def test_a_folder_without_a_lab_gives_an_error_that_names_both_possible_files(tmp_path):
     with pytest.raises(BadInput, match=r"lab\.json.* lab\.toml"):
         read_tracked_lab(tmp_path / "nosuch")
 
 
-def test_an_uncertainty_without_its_unit_and_a_wall_of_another_name_are_told(tmp_path):
+def test_an_uncertainty_without_its_unit_and_a_wall_of_another_name_give_warnings(tmp_path):
     file = write_drops(tmp_path, 5, beads=("heavy",), heights=(0.6,), repetitions=1) / "lab.json"
     document = json.loads(file.read_text())
     wall = document["conditions"][0]["wall"]
@@ -785,13 +788,13 @@ def test_an_uncertainty_without_its_unit_and_a_wall_of_another_name_are_told(tmp
     file.write_text(json.dumps(document))
     first, second = read_tracked_lab(file).overlooked
     assert first.startswith("scale_uncertainty: is not read; was scale_uncertainty_rel meant?")
-    assert second == f"walls: {wall}s: is not read, for no condition has this wall; was {wall} meant?"
+    assert second == f"walls: {wall}s: is not read, because no condition has this wall; was {wall} meant?"
     document["walls"][wall] = {"thickness_m": 0.01}
     file.write_text(json.dumps(document))
     assert read_tracked_lab(file).overlooked == (first,)
 
 
-def test_a_bead_that_never_rolled_says_nothing_and_a_lab_of_such_is_refused(tmp_path):
+def test_a_bead_that_never_rolled_is_left_out_and_a_lab_of_only_these_is_refused(tmp_path):
     folder = write_rolls(tmp_path / "a", 3)
     conditions = read_tracked_lab(folder).conditions
     still = next(one for one in conditions if not one.settings.get("push_speed_m_s"))
@@ -819,14 +822,14 @@ def test_a_jump_of_the_track_high_above_the_plate_is_no_impact(tmp_path):
 
 
 def test_rebounds_that_scatter_more_than_a_spheres_are_an_odd_shape_and_those_of_a_sphere_are_not(tmp_path):
-    wild, calm = (write_drops(tmp_path / name, 8, beads=("heavy",), repetitions=4) for name in ("wild", "calm"))
+    noisy, calm = (write_drops(tmp_path / name, 8, beads=("heavy",), repetitions=4) for name in ("noisy", "calm"))
     bench = DropBench(read_tracked_lab(calm))
     shape = named("odd_shape")
     base, freed = fit(bench), fit(bench, (shape,))
     assert freed.deviance == pytest.approx(base.deviance, abs=0.5)
     rng = np.random.default_rng(9)
-    for file in sorted(wild.glob("*/rep*.csv")):
-        rows = read_tracked_lab(wild).conditions[0].repetitions[0][0]
+    for file in sorted(noisy.glob("*/rep*.csv")):
+        rows = read_tracked_lab(noisy).conditions[0].repetitions[0][0]
         events = impacts(rows.time, rows.position[:, 1], 1e-4)
 
         def thrown(rows, events=events):
@@ -835,7 +838,7 @@ def test_rebounds_that_scatter_more_than_a_spheres_are_an_odd_shape_and_those_of
             return rows
 
         change_rows(file, thrown)
-    bench = DropBench(read_tracked_lab(wild))
+    bench = DropBench(read_tracked_lab(noisy))
     assert fit(bench, (shape,)).deviance < fit(bench).deviance - 30
 
 
@@ -848,7 +851,7 @@ def test_the_formulas_of_a_model_file_are_read_back_and_found_by_their_names(tmp
     assert read_model(tmp_path / "model.toml").effects == effects
 
 
-def test_where_each_condition_has_one_repetition_it_is_told_that_nothing_was_tested(tmp_path):
+def test_with_one_repetition_of_each_condition_the_page_says_that_nothing_was_tested(tmp_path):
     bench = bench_of(read_tracked_lab(write_drops(tmp_path / "lab", 3, repetitions=1)))
     assert in_words(locate(bench, fit(bench, rounds=2))).startswith("not tested")
 

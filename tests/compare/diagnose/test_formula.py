@@ -1,4 +1,4 @@
-"""Diagnosis: formulas of what no effect explains; their shapes against closed forms, and when one is told as a law."""
+"""Diagnosis: formulas of unexplained disagreements, their shapes against closed forms, and when one is a law."""
 
 import math
 from types import SimpleNamespace
@@ -25,7 +25,7 @@ GAP = Gap(5.0, 1.1, 1.0, 5.0, 1.2, 1.0, None, 8.0, 1.3, 1.0, "far")
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_shape_held_at_a_place_of_its_grid_is_the_term_with_those_numbers(name):
+def test_a_shape_fixed_at_a_grid_point_is_the_term_with_those_values(name):
     shape = SHAPES[name]
     number = len(shape.grid) // 2
     frozen, whole = shape.frozen(number), shape.effect
@@ -66,7 +66,7 @@ def fallen(place, low, top, *, finer=1, push=0.4, speed=0.0):
 
 
 @pytest.mark.parametrize(("place", "speed"), [(0.5, 0.0), (0.0, 2.5)])
-def test_every_band_that_is_looked_at_pushes_as_fine_steps_say(place, speed):
+def test_every_screened_band_agrees_with_fine_steps(place, speed):
     bands = SHAPES["drop form:band_sideways"].grid
     found = np.array([fallen(place, *band, speed=speed) for band in bands])
     true = np.array([fallen(place, *band, speed=speed, finer=6) for band in bands])
@@ -74,11 +74,11 @@ def test_every_band_that_is_looked_at_pushes_as_fine_steps_say(place, speed):
 
 
 @pytest.mark.parametrize("band", [(0.025, 0.05), (0.05, 0.09), (0.1, 0.14), (0.2, 0.21)])
-def test_a_narrow_band_pushes_as_fine_steps_say(band):
+def test_a_narrow_band_agrees_with_fine_steps(band):
     assert fallen(0.5, *band) == pytest.approx(fallen(0.5, *band, finer=6), rel=0.01)
 
 
-def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
+def test_a_bob_driven_in_time_swings_as_computed_by_scipy():
     push, period, length, release, angle = 0.05, 0.73, 0.4, 0.05, 0.3
     term = SHAPES["pendulum form:period"].effect
     values = {f"{term.name}.{n}": np.array([v]) for n, v in (("c", push), ("d", 0.0), ("period", period))}
@@ -120,7 +120,7 @@ def test_a_bob_that_is_pushed_by_the_clock_swings_as_scipy_says():
         ({"held_out_before": 1.03, "held_out_after": 1.2, "held_out_gain": 90.0}, False),  # widens the gap of its rows
     ],
 )
-def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(change, holds):
+def test_only_a_formula_that_closes_the_gap_on_held_out_data_is_reported(change, holds):
     sizes = Gap(**{**GAP.to_json(), **change})
     assert Formula(None, sizes).holds is holds
 
@@ -128,15 +128,18 @@ def test_only_a_formula_that_closes_the_gap_where_it_was_not_fitted_is_told(chan
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        ({"held_out_after": 2.5}, "none closes the gap on repetitions"),
+        ({"held_out_after": 2.5}, "no formula closes the gap on held-out repetitions"),
         ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, "no condition has two"),
         ({"held_out_before": 1.0, "held_out_after": 1.0}, "no gap in such"),
-        ({"held_out_before": 1.0, "held_out_after": 1.2, "held_out_gain": 90.0}, "widening the gap on repetitions"),
-        ({"condition_after": 12.0}, "without widening it in far"),
+        (
+            {"held_out_before": 1.0, "held_out_after": 1.2, "held_out_gain": 90.0},
+            "widens the gap on held-out repetitions",
+        ),
+        ({"condition_after": 12.0}, "widens it in the held-out condition far"),
         ({"condition_after": 7.9}, "closes any of it in far"),
     ],
 )
-def test_a_formula_says_why_it_is_no_law(change, why):
+def test_a_formula_gives_the_reason_why_it_is_no_law(change, why):
     assert why in Formula(None, Gap(**{**GAP.to_json(), **change})).flaw
 
 
@@ -177,7 +180,7 @@ def test_a_term_that_may_be_zero_or_has_no_shape_is_refused(name, numbers, good)
         ((1001.0, 1002.0), 1.0, []),
     ],
 )
-def test_shapes_go_on_to_all_data_unless_a_part_of_them_tells_them_apart(deviances, per_row, kept):
+def test_shapes_are_fitted_to_all_data_unless_part_of_them_separates_them(deviances, per_row, kept):
     shape = SHAPES["drop form:band"]
     rough = [(shape, SimpleNamespace(deviance=one, per_row=per_row)) for one in deviances]
     left = _worth_all(rough, SimpleNamespace(deviance=1000.0), 4.0, 1.0)
@@ -189,7 +192,7 @@ def test_the_last_repetition_is_held_out_of_each_condition_that_has_two():
     assert _last_repetitions(lab) == [2, 5]
 
 
-def test_terms_that_only_a_formula_asks_for_are_none_that_a_verdict_is_held_to():
+def test_terms_used_only_in_formulas_do_not_enter_the_verdict():
     more = {term.name for term in beside("drop")}
     assert more == {"form:v_x", "form:height_sideways"}
     assert not more & {term.name for term in nameless("drop")}
@@ -198,7 +201,7 @@ def test_terms_that_only_a_formula_asks_for_are_none_that_a_verdict_is_held_to()
         named("form:no such")
 
 
-def test_an_own_effect_that_pushes_by_the_clock_is_refused(tmp_path):
+def test_an_own_effect_that_depends_on_the_clock_is_refused(tmp_path):
     with pytest.raises(BadInput, match="has a drive"):
         check(SHAPES["roll form:period"].effect, tmp_path / "own.py")
 

@@ -141,16 +141,16 @@ def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
     assert (motion.speeds < 1.0).sum() >= 2 * len(e)
 
 
-@pytest.mark.parametrize("told", [0.01, 0.1, 0.3])
-def test_leftovers_gain_less_than_its_price_by_setting_a_stated_quantity_free(told):
-    """Data on a line with noise 1 know the roll to `told` of what is stated; all that is left over looks like it."""
+@pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
+def test_residuals_of_the_first_effect_gain_less_than_the_price_of_a_freed_calibration_quantity(share):
+    """Data on a line with noise 1 determine the roll to `share` of its stated uncertainty; residuals resemble it."""
     stated, left = 0.01, 400.0
-    column = np.ones(100) / (told * stated) / math.sqrt(100)
+    column = np.ones(100) / (share * stated) / math.sqrt(100)
     leftover = math.sqrt(left) * column / np.linalg.norm(column)
     held, *_ = np.linalg.lstsq(np.append(column, 1 / stated)[:, None], np.append(leftover, 0.0), rcond=None)
     gained = np.sum((leftover - column * held) ** 2) + (held[0] / stated) ** 2
     fewer = SimpleNamespace(fitted=SimpleNamespace(unknowns=[Unknown("camera_roll.angle", 0.0, 1e-3, sd=stated)]))
-    more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: told * stated))
+    more = SimpleNamespace(fitted=SimpleNamespace(std=lambda name: share * stated))
     price = feigned(fewer, more, [named("camera_roll")], left)
     assert gained + SECOND < price + 1e-9
     assert price < 1.1 * (math.sqrt(gained) + math.sqrt(SECOND)) ** 2
@@ -238,11 +238,11 @@ def test_the_loss_to_a_thin_plate_is_that_of_zeners_equation():
     ):  # fmt: skip
         mass = density * 4 / 3 * math.pi * radius**3
         plate = effect.parameters[1].stated(wood, {**steel, "thickness_m": thickness})
-        told = effect.restitution(1.0, speed, radius, mass, 1.0, plate)
-        assert math.log(told) == pytest.approx(math.log(bounced(speed, radius, density, thickness)), rel=0.04)
+        found = effect.restitution(1.0, speed, radius, mass, 1.0, plate)
+        assert math.log(found) == pytest.approx(math.log(bounced(speed, radius, density, thickness)), rel=0.04)
 
 
-def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_states_none():
+def test_the_stated_properties_of_a_plate_are_not_fitted_and_are_assumed_where_not_stated():
     effect, values = named("plate_compliance"), {"strength": 0.5, "plate": 0.005}
     known = {f"plate_compliance.{name}": np.array([value]) for name, value in values.items()}
     wood, glass = ({"youngs_modulus_Pa": modulus, "poissons_ratio": 0.3} for modulus in (11e9, 70e9))
@@ -259,9 +259,9 @@ def test_what_a_lab_states_of_a_plate_is_not_fitted_and_is_assumed_where_it_stat
         strength, found = coefficients(effect, known, lab, conditions)
         assert strength.ravel() == pytest.approx([0.5])
         assert found.ravel() == pytest.approx(plates)
-        told = list(lab.assumed([effect]))
-        assert len(told) == (1 if len(stated) == 1 else 0)
-        assert all("wood on thick; 0.005 is taken for plate there" in one for one in told)
+        remarks = list(lab.assumed([effect]))
+        assert len(remarks) == (1 if len(stated) == 1 else 0)
+        assert all("wood on thick; plate = 0.005 is assumed there" in one for one in remarks)
 
 
 def struck(length, release, seconds, rng):
@@ -287,7 +287,7 @@ def struck(length, release, seconds, rng):
     return Track(time, place + rng.normal(0, 1e-4, place.shape), np.full(len(time), np.nan)), count
 
 
-def test_impacts_after_those_that_are_followed_one_by_one_obey_the_law_at_their_speed():
+def test_impacts_without_their_own_restitution_follow_the_law_at_their_speed():
     rng = np.random.default_rng(8)
     bead = labs.Bead("b", 0.01, 5e-4)
     conditions, most = [], 0
@@ -315,7 +315,7 @@ def test_schiller_naumann_is_stokes_when_slow_and_newton_when_fast():
     assert faster == pytest.approx(named("air_drag").force(5.0, 0.0, 1.0, 6e-3, 1.0, 0.44)[0], rel=1e-6)
 
 
-def test_the_standard_drag_curve_goes_through_what_was_measured():
+def test_the_standard_drag_curve_agrees_with_measurements():
     radius, section = 3e-3, math.pi * 9e-6
     # drag coefficients of smooth spheres (Clift, Grace & Weber 1978)
     for reynolds, coefficient in ((1, 27.1), (100, 1.09), (1000, 0.471), (1e4, 0.405), (1e5, 0.48)):
@@ -331,7 +331,7 @@ def test_a_camera_keeps_the_origin_and_shows_a_finite_picture(gradient, level):
     assert np.isfinite(view(0.3, np.linspace(-2.0, 2.0, 9), gradient, level)[1]).all()
 
 
-def test_a_users_own_effect_takes_part(tmp_path):
+def test_an_effect_of_the_user_is_a_candidate(tmp_path):
     path = tmp_path / "wind.py"
     path.write_text(
         "from rigtwin.sim.effects import Effect, Parameter\n"
@@ -357,14 +357,14 @@ def brakes(vx, vy, gap, radius, mass, c):
 
 
 @pytest.mark.parametrize(("force", "aimed"), [(lifts_one_way, True), (blows_high_up, True), (brakes, False)])
-def test_a_push_that_the_mirror_changes_has_a_side_of_its_own(force, aimed):
+def test_a_push_that_changes_in_a_mirror_has_a_preferred_side(force, aimed):
     parameters = (Parameter("c", "1", -1.0, 1.0, 0.1),)
     effect = Effect("own", "own", "physical", ("drop",), parameters, "", "", force=force)
     assert one_sided(effect) == aimed
 
 
 @pytest.mark.parametrize(
-    ("takes", "gives", "parameters", "told"),
+    ("takes", "gives", "parameters", "message"),
     [
         ("vx, vy, gap, radius, a", "a * vx, a * vy", "(Parameter('a', '1', 0, 1, 0.1),)", "force of effect mine fails"),
         ("vx, vy, gap, radius, mass, a", "a * vx", "(Parameter('a', '1', 0, 1, 0.1),)", "two numbers"),
@@ -372,7 +372,7 @@ def test_a_push_that_the_mirror_changes_has_a_side_of_its_own(force, aimed):
         ("vx, vy, gap, radius, mass", "vx, vy", "()", "no parameter"),
     ],
 )
-def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gives, parameters, told):
+def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gives, parameters, message):
     path = tmp_path / "mine.py"
     path.write_text(
         "from rigtwin.sim.effects import Effect, Parameter\n"
@@ -380,7 +380,7 @@ def test_an_own_effect_whose_functions_do_not_fit_is_refused(tmp_path, takes, gi
         "EFFECT = Effect(name='mine', title='mine', kind='physical', rigs=('drop',),\n"
         f"    parameters={parameters}, equation='a', source='own', force=force)\n"
     )
-    with pytest.raises(BadInput, match=told) as refused:
+    with pytest.raises(BadInput, match=message) as refused:
         own_effect(path)
     assert "mine.py" in str(refused.value)
 
@@ -392,13 +392,13 @@ def test_every_effect_of_the_library_could_be_a_users_own(effect):
 
 
 @pytest.mark.parametrize("rig", ["drop", "double"])
-def test_formulas_know_whether_they_push_to_a_side_of_their_own(rig):
+def test_formulas_know_whether_they_have_a_preferred_side(rig):
     for effect in (*nameless(rig), *beside(rig)):
         assert one_sided(effect) == effect.aimed, effect.name
 
 
 @pytest.mark.parametrize("text", [None, "EFFECT = 3\n", "1/0\n"])
-def test_an_own_effect_that_is_none_is_refused(tmp_path, text):
+def test_an_own_effect_that_is_not_an_effect_is_refused(tmp_path, text):
     path = tmp_path / "bad.py"
     if text is not None:
         path.write_text(text)

@@ -1,4 +1,4 @@
-"""What a lab.json may say in more than one way, and what is refused before anything is fitted."""
+"""Diagnosis: accepted variants of a lab.json, and errors that are found before the fit."""
 
 import json
 import math
@@ -125,7 +125,7 @@ def later(rows, by: float):
     return [f"{float(row.split(',', 1)[0]) + by:.6f},{row.split(',', 1)[1]}" for row in rows]
 
 
-def test_the_bead_let_go_is_told_by_where_it_starts_and_not_by_which_row_comes_first(doubles):
+def test_the_released_bead_is_found_from_its_start_and_not_from_the_order_of_rows(doubles):
     rewrite(doubles / "c" / "rep02.csv", lambda rows: rows[1:])  # A was not seen in the first frame
     rewrite(doubles / "c" / "rep03.csv", lambda rows: sorted(rows, key=lambda row: row.split(",")[1], reverse=True))
     lab = read_tracked_lab(doubles)
@@ -135,13 +135,13 @@ def test_the_bead_let_go_is_told_by_where_it_starts_and_not_by_which_row_comes_f
     assert found.value("restitution.heavy-heavy") == pytest.approx(0.6, abs=0.02)
 
 
-def test_two_beads_that_other_repetitions_name_otherwise_are_refused(doubles):
+def test_beads_with_different_names_in_other_repetitions_are_refused(doubles):
     rewrite(doubles / "c" / "rep03.csv", lambda rows: [row.replace(",B,", ",C,") for row in rows])
     with pytest.raises(BadLabFile, match=r"rep03\.csv: the beads are named A and C, and A and B in c/rep01\.csv"):
         read_tracked_lab(doubles)
 
 
-def test_two_pendulums_of_unlike_beads_or_let_go_on_the_right_are_refused(doubles):
+def test_two_pendulums_with_unequal_beads_or_released_on_the_right_are_refused(doubles):
     lab = read_tracked_lab(doubles)
     check_axes(lab)
     for number in range(1, 6):
@@ -149,7 +149,7 @@ def test_two_pendulums_of_unlike_beads_or_let_go_on_the_right_are_refused(double
             doubles / "c" / f"rep{number:02d}.csv",
             lambda rows: [f"{t},{b},{-float(x)},{y}" for t, b, x, y in (row.split(",") for row in rows)],
         )
-    with pytest.raises(BadInput, match=r"rep01\.csv: A, the bead that is let go, starts on the right"):
+    with pytest.raises(BadInput, match=r"rep01\.csv: A, the released bead, starts on the right"):
         check_axes(read_tracked_lab(doubles))
     condition(change(doubles, {"particles": BEADS | {"light": BEADS["heavy"]}}), bead_B="light")
     with pytest.raises(BadLabFile, match="condition c: names two kinds of beads, heavy and light"):
@@ -158,7 +158,7 @@ def test_two_pendulums_of_unlike_beads_or_let_go_on_the_right_are_refused(double
 
 @pytest.mark.parametrize("rig", ["doubles", "pendulums", "drops"])
 @pytest.mark.parametrize("by", [100.0, -3.0])
-def test_when_the_clock_was_started_changes_nothing(rig, by, request):
+def test_the_start_of_the_clock_changes_nothing(rig, by, request):
     folder = request.getfixturevalue(rig)
     plain = fit(bench_of(read_tracked_lab(folder)), rounds=3)
     for path in (folder / "c").glob("rep*.csv"):
@@ -171,7 +171,7 @@ def test_when_the_clock_was_started_changes_nothing(rig, by, request):
 @pytest.mark.parametrize(
     "name", ["drop_height_uncertainty_m", "release_sideways_speed_m_s", "plate_level_uncertainty_deg"]
 )
-def test_a_stated_doubt_of_zero_is_a_quantity_known_very_well(drops, name):
+def test_a_stated_uncertainty_of_zero_is_a_quantity_known_very_well(drops, name):
     plain = fit(bench_of(read_tracked_lab(drops)), rounds=3)
     exact = fit(bench_of(read_tracked_lab(change(drops, {"rig_geometry": {name: 0}}))), rounds=3)
     assert exact.converged
@@ -194,14 +194,14 @@ def test_a_bead_whose_diameter_is_known_exactly_keeps_it(doubles):
     assert 0 < sd < 1e-7
 
 
-def test_a_baseline_without_a_misfit_is_refused(drops, monkeypatch):
+def test_a_baseline_without_a_finite_misfit_is_refused(drops, monkeypatch):
     lost = replace(fit(bench_of(read_tracked_lab(drops)), rounds=1), deviance=math.nan)
     monkeypatch.setattr("rigtwin.compare.diagnose.diagnosis.fit", lambda *_args, **_more: lost)
-    with pytest.raises(BadInput, match=r"cannot be fitted to these tracks.*the misfit of the baseline is no number"):
+    with pytest.raises(BadInput, match=r"cannot be fitted to these tracks.*the misfit of the baseline is not finite"):
         diagnose(read_tracked_lab(drops))
 
 
-def test_null_is_what_was_not_measured(drops):
+def test_null_means_not_measured(drops):
     change(drops, {
         "gravity_m_s2": None, "rig_geometry": None,
         "camera": CAMERA | {"tracking_noise_px": None, "scale_uncertainty_rel": None},
@@ -216,14 +216,14 @@ def test_null_is_what_was_not_measured(drops):
 
 
 @pytest.mark.parametrize("wall", [None, "", "none", "None"])
-def test_no_wall_can_be_said_in_four_ways_and_leaves_a_pendulum_free(pendulums, wall):
+def test_four_notations_of_no_wall_give_a_free_pendulum(pendulums, wall):
     assert isinstance(bench_of(read_tracked_lab(condition(pendulums, wall=wall))), PendulumBench)
 
 
-def test_a_pendulum_that_strikes_beside_a_free_one_is_refused(pendulums):
+def test_a_pendulum_with_a_wall_beside_a_free_one_is_refused(pendulums):
     first = json.loads((pendulums / "lab.json").read_text())["conditions"][0]
     both = [first, first | {"name": "d", "files": "c/rep%02d.csv", "wall": "steel"}]
-    with pytest.raises(BadLabFile, match="c swings freely and d strikes a wall"):
+    with pytest.raises(BadLabFile, match="c swings freely and d hits a wall"):
         read_tracked_lab(change(pendulums, {"conditions": both}))
     assert isinstance(bench_of(read_tracked_lab(change(pendulums, {"conditions": both[1:]}))), DoubleBench)
 
@@ -238,22 +238,22 @@ def test_sliding_friction_is_one_number_or_one_for_each_wall(drops, stated, take
     assert bench.friction == pytest.approx(taken)
 
 
-def test_a_friction_or_a_doubt_that_is_a_text_is_refused_by_name(drops):
+def test_a_friction_or_an_uncertainty_that_is_a_text_is_refused_by_name(drops):
     for name in ("sliding_friction_pw", "drop_height_uncertainty_m"):
         with pytest.raises(BadLabFile, match=f"{name}: 'little' is not a number"):
             bench_of(read_tracked_lab(change(drops, {"rig_geometry": {name: "little"}})))
 
 
-def test_a_bead_that_rolls_for_no_stated_reason_is_refused(tmp_path):
+def test_a_rolling_bead_without_incline_or_push_is_refused(tmp_path):
     time = np.arange(0, 0.5, 1 / 240)
     place = np.column_stack([0.3 * time**2, np.full(len(time), RADIUS)])
     folder = write_lab(tmp_path / "roll", "roll", {"wall": "glass", "slope_deg": 6}, [(time, place)])
-    with pytest.raises(BadLabFile, match="condition c: states neither incline_angle_deg nor push_speed_m_s"):
+    with pytest.raises(BadLabFile, match="condition c: has neither incline_angle_deg nor push_speed_m_s"):
         read_tracked_lab(folder)
     assert read_tracked_lab(condition(folder, incline_angle_deg=6)).setting("incline_angle_deg") == [6]
 
 
-def test_what_is_the_same_in_all_conditions_may_stand_once(pendulums):
+def test_a_setting_common_to_all_conditions_may_be_stated_once(pendulums):
     first = json.loads((pendulums / "lab.json").read_text())["conditions"][0]
     length = first.pop("length_m")
     change(pendulums, {"conditions": [first], "rig_geometry": {"length_m": length}})
@@ -262,7 +262,7 @@ def test_what_is_the_same_in_all_conditions_may_stand_once(pendulums):
     assert set(read_tracked_lab(pendulums).setting("length_m")) == {0.4}
 
 
-def test_the_noise_of_unevenly_filmed_rows_is_the_stated_one_or_is_asked_for(drops):
+def test_the_noise_of_unevenly_spaced_rows_must_be_stated(drops):
     gaps = np.array([1, 2, 5])  # frames to the next row: no three in a row are alike
     for path in (drops / "c").glob("rep*.csv"):
         rewrite(path, lambda rows: [rows[k] for k in np.cumsum(np.tile(gaps, 40)) if k < len(rows)])
@@ -276,6 +276,6 @@ def test_the_noise_of_unevenly_filmed_rows_is_the_stated_one_or_is_asked_for(dro
     ("key", "value"),
     [("length_m", -0.25), ("length_m", 0), ("length_m", "250mm"), ("release_angle_deg", 400)],
 )
-def test_a_setting_that_cannot_be_is_refused_by_its_name(pendulums, key, value):
-    with pytest.raises(BadLabFile, match=f"{key}.*cannot be"):
+def test_an_impossible_setting_is_refused_by_its_name(pendulums, key, value):
+    with pytest.raises(BadLabFile, match=f"{key}.*is impossible"):
         read_tracked_lab(condition(pendulums, **{key: value}))

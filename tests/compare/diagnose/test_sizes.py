@@ -1,4 +1,4 @@
-"""What the stated doubt of a bead's diameter does to the coefficients that are fitted beside it."""
+"""Effect of the stated uncertainty of a bead's diameter on the coefficients fitted beside it."""
 
 import json
 
@@ -12,7 +12,7 @@ from rigtwin.sim.effects import named
 
 
 @pytest.mark.parametrize("seed", [(10160, 127), (10161, 318), (11,)])
-def test_pivot_friction_beside_drag_is_found_though_the_diameters_are_a_little_off(seed, tmp_path):
+def test_pivot_friction_beside_drag_is_found_with_slightly_wrong_diameters(seed, tmp_path):
     """The pivot's share was off by three of its deviations and more where bobs of two sizes had the stated ones."""
     truth = write(Case("pair", "pendulum", ("air_drag", "pivot_friction"), "moderate"), "lab", seed, tmp_path)
     bench = bench_of(read_tracked_lab(tmp_path / "labs" / "lab"))
@@ -22,7 +22,7 @@ def test_pivot_friction_beside_drag_is_found_though_the_diameters_are_a_little_o
     assert abs(found.value(moment) - truth["parameters"]["tau_c"]) < 2.5 * found.std(moment)
 
 
-def test_another_plate_tells_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
+def test_another_plate_separates_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
     """From one plate they look alike; the proposed experiment, carried out on the drawn bench, names the plate."""
     case = Case("single", "drop", ("plate_compliance",), "moderate")
     write(case, "lab", (10250, 66), tmp_path, narrowed=True)
@@ -30,9 +30,9 @@ def test_another_plate_tells_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
     assert alike.verdict == "indistinguishable"
     assert "plate of the same material" in alike.designs[0].words
     write(case, "further", (10250, 66), tmp_path, narrowed=True, design=alike.designs[0].to_json())
-    told = diagnose(read_tracked_lab(tmp_path / "labs" / "further")).to_json()
-    assert told["verdict"] == "named"
-    assert [effect["effect"] for effect in told["effects"]] == ["plate_compliance"]
+    result = diagnose(read_tracked_lab(tmp_path / "labs" / "further")).to_json()
+    assert result["verdict"] == "named"
+    assert [effect["effect"] for effect in result["effects"]] == ["plate_compliance"]
 
 
 def with_half_the_thickness(effect, seed, folder):
@@ -52,13 +52,13 @@ def named_in(lab):
 
 
 @pytest.mark.parametrize("effect", ["plate_compliance", "velocity_dependent_restitution"])
-def test_two_plates_of_one_material_tell_what_bends_away_from_what_the_bead_loses(effect, tmp_path):
+def test_two_plates_of_one_material_separate_bending_of_the_plate_from_losses_in_the_bead(effect, tmp_path):
     verdict, names = named_in(with_half_the_thickness(effect, (10600, 10), tmp_path))
     assert verdict == "named"
     assert (names == ["plate_compliance"]) == (effect == "plate_compliance")
 
 
-def test_plates_of_which_the_lab_states_other_materials_are_not_tied(tmp_path):
+def test_plates_of_different_stated_materials_are_not_tied(tmp_path):
     """A density that is off by a millionth changes nothing but what is known: how lively either is then is free."""
     lab = with_half_the_thickness("plate_compliance", (10600, 10), tmp_path)
     document = json.loads((lab / "lab.json").read_text())

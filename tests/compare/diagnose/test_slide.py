@@ -85,7 +85,7 @@ def sticky(tmp_path_factory):
     return write_slides(tmp_path_factory.mktemp("sticky"), 1, pull=1.7e-3)
 
 
-def test_a_strong_adhesion_is_fitted_to_the_end_and_leaves_the_calibration_where_it_is(sticky):
+def test_the_fit_of_a_strong_adhesion_converges_without_a_change_of_the_calibration(sticky):
     bench = bench_of(sticky)
     found = fit(bench, (named("contact_adhesion"),), near=fit(bench))
     true = fit(

@@ -1,4 +1,4 @@
-"""Bootstrap over repetitions: a name that all speak for is stable, one that hangs on a single one is not."""
+"""Bootstrap over repetitions: a name that all support is stable, one that depends on a single one is not."""
 
 import numpy as np
 import pytest
@@ -24,14 +24,14 @@ def fitted(effect: str, shares: list[float]) -> Fit:
 BASE = fitted("", [100.0] * 12)
 
 
-def test_a_name_that_every_repetition_speaks_for_never_loses() -> None:
+def test_a_name_that_every_repetition_supports_never_loses() -> None:
     drag, shutter = fitted("air_drag", [90.0] * 12), fitted("rolling_shutter", [95.0] * 12)
     found = stability(BASE, Claim(drag), [Claim(shutter)], CONDITION, alarm=16.0)
     assert found is not None
     assert (found.first, found.alarm, found.left_out, found.rival) == (1.0, 1.0, 1.0, "")
 
 
-def test_a_name_that_hangs_on_one_repetition_loses_where_that_one_is_not_drawn() -> None:
+def test_a_name_that_depends_on_one_repetition_loses_where_it_is_not_drawn() -> None:
     drag = fitted("air_drag", [40.0, *([100.0] * 11)])
     shutter = fitted("rolling_shutter", [96.0] * 12)
     found = stability(BASE, Claim(drag), [Claim(shutter)], CONDITION, alarm=16.0)
@@ -47,7 +47,7 @@ def test_a_fit_to_part_of_the_data_is_not_judged() -> None:
     assert stability(BASE, Claim(part), [], CONDITION, alarm=16.0) is None
 
 
-def test_a_name_that_leads_by_its_foretold_coefficient_leads_in_every_draw() -> None:
+def test_a_name_that_leads_by_its_predicted_coefficient_leads_in_every_resample() -> None:
     drag, shutter = fitted("air_drag", [90.0] * 12), fitted("rolling_shutter", [89.9] * 12)
     for credit, first in ((5.0, 1.0), (0.0, 0.0)):
         found = stability(BASE, Claim(drag, credit), [Claim(shutter)], CONDITION, alarm=16.0)

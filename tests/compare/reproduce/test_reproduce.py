@@ -1,4 +1,4 @@
-"""The published tables beside ours: which runs they need, what a cell says, what is kept."""
+"""Reproduction of the published tables: needed runs, contents of the cells, and kept runs."""
 
 import csv
 import json
@@ -30,7 +30,7 @@ def test_graphical_and_geometric_angles_come_from_the_same_piles():
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_every_cell_holds_what_the_paper_prints(table):
+def test_every_cell_has_the_value_of_the_paper(table):
     whole = plan([table], quick=False, repetitions=None, seed=1)
     printed = {value for row in hlosta2020.table(table) for value in row.values()}
     for cell in whole.cells:
@@ -46,7 +46,7 @@ def test_a_table_that_is_not_reproduced_is_named(capsys, tmp_path):
 
 
 @pytest.mark.parametrize("wrong", [["--table", "99"], ["--study", "colour"]])
-def test_what_there_is_not_is_named_where_nothing_is_kept_too(wrong, capsys, tmp_path):
+def test_an_unknown_table_or_study_is_named_also_without_kept_runs(wrong, capsys, tmp_path):
     assert run(["reproduce", "hlosta2020", "--kept", *wrong, "--out", str(tmp_path)]) == 2
     assert wrong[1] in capsys.readouterr().err
 
@@ -113,12 +113,12 @@ def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(
     monkeypatch.setattr(module, "plan", planned_but_first(function="operator:truediv"))
     asked = ["reproduce", "hlosta2020", "--table", "16", "--quick", "--out", str(tmp_path)]
     assert run(asked) == 1
-    told = capsys.readouterr()
-    assert "failed type_A-slot_hopper-D12-seed1: a fault of rigtwin itself (TypeError: " in told.out
-    assert told.err.startswith(
+    printed = capsys.readouterr()
+    assert "failed type_A-slot_hopper-D12-seed1: a fault of rigtwin itself (TypeError: " in printed.out
+    assert printed.err.startswith(
         "rigtwin: 1 of 3 runs failed, type_A-slot_hopper-D12-seed1 by a fault of rigtwin itself ("
     )
-    assert "Traceback" not in told.err
+    assert "Traceback" not in printed.err
     assert run([*asked, "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert sum(row["ours"] is not None for row in document["cells"]) == 2
@@ -129,20 +129,18 @@ def test_a_fault_in_one_run_leaves_the_others_shown_and_the_command_ends_with_1(
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_a_run_that_the_memory_does_not_hold_leaves_the_others_shown_and_the_command_ends_with_2(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_run_out_of_memory_leaves_the_others_shown_and_the_command_ends_with_2(tmp_path, monkeypatch, capsys):
     keep(tmp_path, 16)
     huge = planned_but_first(function="builtins:bytearray", settings={"source": 2**60})
     monkeypatch.setattr(module, "plan", huge)
     asked = ["reproduce", "hlosta2020", "--table", "16", "--quick", "--out", str(tmp_path)]
     assert run(asked) == 2
-    told = capsys.readouterr()
-    assert "failed type_A-slot_hopper-D12-seed1: does not fit into memory" in told.out
-    assert told.err.startswith(
+    printed = capsys.readouterr()
+    assert "failed type_A-slot_hopper-D12-seed1: does not fit into memory" in printed.out
+    assert printed.err.startswith(
         "rigtwin: 1 of 3 runs failed, the first being type_A-slot_hopper-D12-seed1, which does not"
     )
-    assert "give fewer --workers" in told.err
+    assert "give fewer --workers" in printed.err
     assert run([*asked, "--json"]) == 2
     document = json.loads(capsys.readouterr().out)
     assert sum(row["ours"] is not None for row in document["cells"]) == 2
@@ -157,12 +155,12 @@ def test_a_page_without_any_result_can_be_written(tmp_path):
     assert all(row["ours"] is None for row in empty.rows)
 
 
-def test_numbers_show_as_many_digits_as_their_scatter_allows():
+def test_the_digits_of_a_number_follow_from_its_scatter():
     assert number(184.0, 1.3) == "184.0 ± 1.3"
     assert number(2.716) == "2.72"
 
 
-def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_sign(tmp_path):
+def test_a_swept_bed_is_judged_by_its_absolute_deviation(tmp_path):
     cells = plan([4], quick=False, repetitions=None, seed=1).cells
     assert len(cells) == 56
     # beds that are as far off as the paper's, some too low
@@ -182,7 +180,7 @@ def test_a_swept_bed_is_judged_by_how_far_it_is_from_the_measured_one_without_si
     assert text.count("| D6, static friction") == 20
 
 
-def test_table_7_stands_beside_ours_with_the_paper_s_first_frictions_too_and_is_not_judged_by_them(tmp_path):
+def test_table_7_has_rows_with_the_first_frictions_that_are_not_judged(tmp_path):
     planned = plan([7], quick=False, repetitions=None, seed=1).cells
     cells = [cell for cell in planned if cell.quantity == "bed_height"]
     first = [cell for cell in cells if "before calibration" in cell.row]
@@ -195,7 +193,7 @@ def test_table_7_stands_beside_ours_with_the_paper_s_first_frictions_too_and_is_
     assert page(table, "reproduction.md").count("| +10.0 |") == 14
 
 
-def test_table_7_has_our_seconds_a_particle_beside_the_paper_s_and_no_deviation_between_two_machines(tmp_path, capsys):
+def test_table_7_has_computing_times_without_a_deviation(tmp_path, capsys):
     keep(tmp_path, 7, result={"bead_tops_height_mm": 200.0, "seconds_per_particle": 0.0125})
     asked = ["reproduce", "hlosta2020", "--table", "7", "--quick", "--kept", "--out", str(tmp_path)]
     assert run([*asked, "--json"]) == 0
@@ -225,7 +223,7 @@ def flowed(folder: Path, **result):
     return {row["quantity"]: row for row in json.loads((folder / "cells.json").read_text())["cells"]}
 
 
-def test_the_steady_flow_stands_beside_what_left_in_time_and_neither_is_set_against_the_paper_s_where_all_left(
+def test_flows_are_not_compared_with_the_paper_where_all_particles_left(
     tmp_path,
 ):
     rows = flowed(tmp_path, emptied=15000, mass_flow_g_s=213.0, steady_mass_flow_g_s=331.8)
@@ -238,11 +236,11 @@ def test_the_steady_flow_stands_beside_what_left_in_time_and_neither_is_set_agai
     against = {name: row["ours_against_paper_dem_percent"] for name, row in rows.items()}
     assert [name for name, percent in against.items() if percent is not None] == ["rayleigh_time_step"]
     assert [name for name, row in rows.items() if row["doubtful"]] == ["emptied_particles", "mass_flow"]
-    assert rows["mass_flow"]["doubtful"].startswith("all had left before the time was over")
+    assert rows["mass_flow"]["doubtful"].startswith("all had left before the end of the time")
     assert "Mass flow rate, steady, g/s" in (tmp_path / "report.html").read_text()
 
 
-def test_what_left_within_the_stated_time_is_set_against_the_paper_s_where_beads_are_left(tmp_path):
+def test_flows_are_compared_with_the_paper_where_particles_remain(tmp_path):
     said = ["only 11000 of 15000 beads had left the hopper when the run ended"]
     rows = flowed(tmp_path, emptied=11000, mass_flow_g_s=156.24, steady_mass_flow_g_s=None, warnings=said)
     assert rows["mass_flow"]["ours_against_paper_dem_percent"] == pytest.approx(-10.0)
@@ -252,7 +250,7 @@ def test_what_left_within_the_stated_time_is_set_against_the_paper_s_where_beads
 
 
 @pytest.mark.parametrize(("particle", "frictions"), [("D6", (0.2, 0.01)), ("C6_24s", (0.5, 0.1))])
-def test_what_table_7_was_printed_with_is_what_its_twin_gets(particle, frictions, monkeypatch):
+def test_the_twin_of_table_7_has_the_printed_parameters(particle, frictions, monkeypatch):
     from rigtwin.compare.twins import many_body as bulk_twins
 
     class Asked(Exception):
@@ -286,7 +284,7 @@ def test_a_bed_that_spills_is_poured_again_into_a_higher_cylinder(monkeypatch):
     assert high["cylinder_height_mm"] == pytest.approx(40.5)
 
 
-def test_the_experiment_done_again_lies_as_often_that_near_as_drawn_runs_do():
+def test_a_repeated_experiment_is_as_often_that_near_as_random_runs():
     """Ten runs, their mean and standard deviation, and what further runs do: drawn from one normal distribution."""
     random = np.random.default_rng(3)
     for runs in (1, 10):
@@ -347,15 +345,15 @@ def keep_heaps(folder: Path, study: str, angles, places=None):
 def test_a_study_is_shown_in_the_terminal_and_kept_in_a_table_of_its_own(tmp_path, capsys):
     keep_heaps(tmp_path, "base", (31.0, 32.0, 33.0, 34.0, 35.0))
     assert run(["reproduce", "hlosta2020", "--study", "base", "--quick", "--kept", "--out", str(tmp_path)]) == 0
-    told = capsys.readouterr().out
-    assert "Base over particle size: D6" in told
-    shown = [[cell.strip() for cell in line.strip("│").split("│")] for line in told.splitlines() if "apex" in line]
+    printed = capsys.readouterr().out
+    assert "Base over particle size: D6" in printed
+    shown = [[cell.strip() for cell in line.strip("│").split("│")] for line in printed.splitlines() if "apex" in line]
     assert shown == [
         [ratio, "geometric, apex", angle, "1"]
         for ratio, angle in (("6", "31"), ("10", "32"), ("15", "33"), ("20", "34"), ("25", "35"))
     ]
-    assert f"wrote {tmp_path / 'studies.csv'}" in told
-    assert "missing" not in told
+    assert f"wrote {tmp_path / 'studies.csv'}" in printed
+    assert "missing" not in printed
     with (tmp_path / "studies.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["study", "rolling_model", "reading", "place", "unit", "mean", "std", "runs"]
@@ -370,10 +368,10 @@ def test_a_study_that_is_not_kept_is_said_to_be_missing(tmp_path, capsys):
     keep_heaps(tmp_path, "base", (31.0, 32.0), 2)
     asked = ["reproduce", "hlosta2020", "--study", "base", "--study", "number", "--quick", "--kept"]
     assert run([*asked, "--out", str(tmp_path)]) == 0
-    told = capsys.readouterr().out
-    assert "missing: study base, type A: lacks 3 of 5 runs; leave --kept out to run them\n" in told
-    assert "missing: study number, type A: lacks 5 of 5 runs; leave --kept out to run them\n" in told
-    assert "Number of particles" not in told
+    printed = capsys.readouterr().out
+    assert "missing: study base, type A: lacks 3 of 5 runs; leave --kept out to run them\n" in printed
+    assert "missing: study number, type A: lacks 5 of 5 runs; leave --kept out to run them\n" in printed
+    assert "Number of particles" not in printed
     assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
     assert len(json.loads(capsys.readouterr().out)["missing"]) == 2
 
@@ -387,7 +385,7 @@ def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
     assert "Table 16" in (tmp_path / "report.html").read_text()
 
 
-def test_where_nothing_is_kept_that_is_said_and_nothing_written(tmp_path, capsys):
+def test_without_kept_runs_an_error_is_given_and_nothing_is_written(tmp_path, capsys):
     asked = ["reproduce", "hlosta2020", "--table", "16", "--kept", "--out"]
     assert run([*asked, str(tmp_path / "nosuch")]) == 2
     assert "no finished run" in capsys.readouterr().err
@@ -400,7 +398,7 @@ def test_where_nothing_is_kept_that_is_said_and_nothing_written(tmp_path, capsys
     assert (tmp_path / "cells.csv").read_text() == before
 
 
-def test_cells_that_are_not_asked_for_again_are_said_to_be_replaced(tmp_path, capsys):
+def test_a_remark_names_earlier_cells_that_are_not_requested_again(tmp_path, capsys):
     for table in (14, 16):
         keep(tmp_path, table)
     asked = ["reproduce", "hlosta2020", "--quick", "--kept", "--out", str(tmp_path)]
@@ -412,7 +410,7 @@ def test_cells_that_are_not_asked_for_again_are_said_to_be_replaced(tmp_path, ca
     assert "replaced" not in capsys.readouterr().out
 
 
-def test_what_runs_warn_of_is_told_once_for_each_kind(tmp_path, capsys):
+def test_each_kind_of_warning_of_the_runs_is_shown_once(tmp_path, capsys):
     keep(tmp_path, 16, warnings=["impacts pressed beads up to 9.2% of a radius; do something"])
     (one, *_) = (tmp_path / "runs").glob("*D12*.json")
     worst = "impacts pressed beads up to 12.5% of a radius; do something"
@@ -462,7 +460,7 @@ SPOILT = {
 def test_a_cell_whose_run_moved_or_lost_particles_is_marked_wherever_it_is_shown(why, tmp_path, capsys):
     keep(tmp_path, 4, result={"bead_tops_height_mm": 190.0, **SPOILT[why]})
     assert run(["reproduce", "hlosta2020", "--table", "4", "--quick", "--kept", "--out", str(tmp_path)]) == 0
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     with (tmp_path / "cells.csv").open() as file:
         assert [row["doubtful"] for row in csv.DictReader(file)] == [why] * 4
     document = json.loads((tmp_path / "cells.json").read_text())
@@ -472,8 +470,8 @@ def test_a_cell_whose_run_moved_or_lost_particles_is_marked_wherever_it_is_shown
     assert ("4 doubtful" in (tmp_path / "reproduction.md").read_text()) == bool(why)
     assert (tmp_path / "reproduction.md").read_text().count(f"| {why} |\n") >= 4
     assert (tmp_path / "report.html").read_text().count(f">{why}</td>") >= 4
-    assert told.count("doubtful: D6, static friction") == (4 if why else 0)
-    assert why in told
+    assert printed.count("doubtful: D6, static friction") == (4 if why else 0)
+    assert why in printed
 
 
 def test_a_cell_of_several_runs_says_in_how_many_and_stays_when_none_of_them_emptied(tmp_path):
@@ -489,7 +487,7 @@ def test_a_cell_of_several_runs_says_in_how_many_and_stays_when_none_of_them_emp
     assert f" | – | {words} (3 of 3 runs) |\n" in text
 
 
-def test_cells_of_before_there_were_doubts_are_read_as_they_are(tmp_path):
+def test_cells_written_without_doubtful_values_are_read_unchanged(tmp_path):
     (tmp_path / "runs").mkdir()
     (one, *_) = plan([16], quick=True, repetitions=1, seed=1, rolling="type C").runs
     moved = {"discharge_time_s": 1.0, "warnings": ["the bed was still moving when the outlet was opened; wait"]}
@@ -502,8 +500,8 @@ def test_cells_of_before_there_were_doubts_are_read_as_they_are(tmp_path):
         writer.writeheader()
         writer.writerow({**old, "rolling_model": "type C", "ours": 2.88, "runs": 1})
     shown = reproduction_page.kept(tmp_path / "runs", reproduction_page.run_before(tmp_path / "cells.csv"))
-    doubts = {row["row"]: row["doubtful"] for row in shown.rows if row["ours"] is not None}
-    assert doubts == {"D6": "", "D12": "the bed was still moving when the outlet was opened"}
+    doubtful = {row["row"]: row["doubtful"] for row in shown.rows if row["ours"] is not None}
+    assert doubtful == {"D6": "", "D12": "the bed was still moving when the outlet was opened"}
     assert "1 doubtful" in page(shown, "reproduction.md")
 
 
@@ -517,7 +515,7 @@ def test_cells_of_before_there_were_doubts_are_read_as_they_are(tmp_path):
         (14, "D6", ("wall", "youngs_modulus"), 1e9),
     ],
 )
-def test_a_kept_run_of_another_particle_contact_or_rig_is_not_taken_for_this_one(table, name, place, other, tmp_path):
+def test_a_kept_run_of_another_particle_contact_or_rig_is_not_used(table, name, place, other, tmp_path):
     one = next(item for item in plan([table], quick=True, repetitions=1, seed=1).runs if f"-{name}-" in item.name)
     record = {
         "function": one.function, "settings": dict(one.settings), "inputs": one.inputs,
@@ -546,7 +544,7 @@ def test_a_kept_run_of_another_particle_contact_or_rig_is_not_taken_for_this_one
     assert read(json.dumps(document))
 
 
-def test_a_new_run_keeps_what_it_was_made_of(tmp_path):
+def test_a_new_run_keeps_its_inputs(tmp_path):
     one = Run("one", "builtins:dict", {"number": 16}, inputs={"diameter": 6e-3})
     run_all([one], tmp_path)
     other = replace(one, inputs={"diameter": 12e-3})
@@ -580,12 +578,12 @@ def test_the_quick_part_of_a_table_is_some_of_its_cells_in_a_few_minutes(table):
 def test_a_table_without_a_quick_part_is_refused_before_anything_is_written(others, tmp_path, capsys):
     keep(tmp_path, 16)
     assert run(["reproduce", "hlosta2020", "--quick", "--table", "5", *others, "--out", str(tmp_path)]) == 2
-    assert "table 5 has no part that takes minutes" in capsys.readouterr().err
+    assert "table 5 has no quick part" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
     assert 5 not in {cell.table for cell in plan(None, quick=True, repetitions=None, seed=1).cells}
 
 
-def test_a_quick_study_has_one_heap_for_each_point_unless_told_how_many(tmp_path, monkeypatch):
+def test_a_quick_study_has_one_pile_for_each_point_unless_repetitions_are_given(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(module, "run_all", lambda runs, *_, **__: asked.append(list(runs)) or Done({}, {}))
     for more, heaps in (["--quick"], 5), (["--quick", "--repetitions", "2"], 10), ([], 15):
@@ -603,7 +601,7 @@ def test_progress_counts_the_cost_of_what_is_done(tmp_path):
     assert seen == [(10.0, 40.0), (40.0, 40.0)]
 
 
-def test_each_rolling_law_has_runs_of_its_own_and_type_c_those_of_before():
+def test_each_rolling_law_has_its_own_runs_and_type_c_uses_earlier_ones():
     by_law = {law: plan(None, quick=False, repetitions=1, seed=1, rolling=law) for law in ROLLING}
     by_default = plan(None, quick=False, repetitions=1, seed=1)
     assert by_default == by_law["type A"]
@@ -611,7 +609,7 @@ def test_each_rolling_law_has_runs_of_its_own_and_type_c_those_of_before():
         assert {cell.rolling for cell in planned.cells} == {law}
         assert {name for cell in planned.cells for name in cell.runs} == {item.name for item in planned.runs}
     assert all(item.settings["rolling"] == "type A" for item in by_law["type A"].runs)
-    # as they were named and told before there was a choice, so that what was kept then is found
+    # names and settings from before there was a choice, so that runs kept then are found
     before = {item.name: item.settings for item in by_law["type C"].runs}
     assert before["slot_hopper-D12-seed1"] == {"particle": "D12", "seed": 1, "count": 630, "outlet": 0.05}
     assert not {item.name for item in by_law["type A"].runs} & set(before)

@@ -1,4 +1,4 @@
-"""Twins: they start where the experiment started, and give back what was put into them."""
+"""Twins start from the state of the experiment, and their evaluation returns the parameters put in."""
 
 import math
 from pathlib import Path
@@ -56,7 +56,7 @@ def test_a_pendulum_twin_gives_back_its_restitution():
     assert all(check.passed for check in twin.evaluation.checks)
 
 
-def test_a_pendulum_let_go_above_its_hinge_is_said_to_be_a_rod():
+def test_a_warning_says_that_a_pendulum_released_above_its_hinge_is_a_rod():
     right_angle = math.nextafter(math.pi / 2, 4)  # as a conversion of units may round it
     low, high = (
         pendulum_twin(Pendulum(0.2, angle), BEAD, Contact(0.7), frame_rate=1000)
@@ -118,12 +118,12 @@ def test_a_pile_twin_says_how_many_beads_stayed_and_what_it_assumed():
     assert settings["contacts"]["D6-steel"]["static_friction"] == 0.6
 
 
-def test_a_twin_that_is_allowed_more_threads_than_there_are_says_how_many_there_were():
+def test_a_twin_reports_the_number_of_threads_it_could_use():
     asked = settings_of(Pile(0.05, 0.006), hlosta2020.particle("D6"), {}, threads=10_000)["engine"]["threads"]
     assert asked == backend.running().threads < 10_000
 
 
-def test_a_stated_release_angle_goes_before_the_measured_one():
+def test_a_stated_release_angle_takes_precedence_over_the_measured_one():
     rig = PendulumSettings(0.2, release_angle=math.radians(30))
     found = [measured("release_angle", 33.0, "deg", body="A")]
     model = Model().with_contact("D12", "D12", restitution=0.7)
@@ -132,7 +132,7 @@ def test_a_stated_release_angle_goes_before_the_measured_one():
     assert twin.set_from == {"release_angle": "stated"}
 
 
-def test_the_twin_swings_on_as_long_as_the_film_so_that_each_collision_has_its_twin():
+def test_the_twin_swings_as_long_as_the_film_so_that_every_collision_is_compared():
     from dataclasses import replace
 
     import numpy as np
@@ -156,7 +156,7 @@ def test_a_drop_that_states_no_height_starts_from_the_mean_of_the_measured_ones(
     assert twin.set_from == {"drop_height": "measured"}
 
 
-def test_the_twin_is_filmed_at_the_rate_the_measurement_found_where_none_is_stated():
+def test_the_twin_has_the_measured_frame_rate_where_none_is_stated():
     model = Model().with_contact("D12", "steel", restitution=0.6)
     found = [measured("drop_height", 0.1, "m", frame_rate=1000.0)]
     twin = twin_of(experiment(DropSettings(), frame_rate=None, wall=STEEL), model=model, measurements=found)
@@ -192,17 +192,17 @@ def test_an_option_replaces_one_parameter_of_a_published_contact_and_leaves_the_
     assert contact == Contact(0.9, published.static_friction, published.rolling_friction)
 
 
-def test_the_lab_goes_before_the_published_contact():
+def test_the_lab_takes_precedence_over_the_published_contact():
     model = Model().with_contact("D6", "steel", static_friction=0.11)
     assert by_name.contact("steel", "D6", model).static_friction == 0.11
 
 
-def test_a_contact_nobody_knows_is_refused_by_name():
+def test_an_unknown_contact_is_refused_by_name():
     with pytest.raises(BadInput, match="D6-wood_ash"):
         by_name.contact("D6", "wood_ash", Model())
 
 
-def test_a_twin_on_rods_with_mass_is_not_said_to_swing_wrongly():
+def test_a_twin_on_rods_with_mass_passes_the_check_of_gravity():
     rig = Pendulum(0.2, math.radians(45), hanger="rod", rod_mass=1e-3)
     twin = pendulum_twin(rig, BEAD, Contact(0.7), frame_rate=240)
     (gravity,) = [check for check in twin.evaluation.checks if check.check == "gravity"]
