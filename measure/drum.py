@@ -90,13 +90,13 @@ def measure(
     drum_diameter: float | None,
     speed: float | None = None,
     bead_diameter: float | None = None,
-    out: Path,
+    out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
     """Dynamic angle of repose from a clip of a turning drum, or from a single picture of it.
 
-    `drum_diameter` [m] inside, `speed` [rad/s] of turning, `bead_diameter` [m].  Raises `NothingToMeasure` when no
-    drum with a bed is seen.
+    `drum_diameter` [m] inside, `speed` [rad/s] of turning, `bead_diameter` [m]; pictures go into `out`.  Raises
+    `NothingToMeasure` when no drum with a bed is seen.
     """
     _must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
     share = bead_diameter / drum_diameter if bead_diameter and drum_diameter else None
@@ -171,6 +171,8 @@ def measure(
         camera=view,
         profiles=tuple(seen.profiles) if scale is not None else (),
     )
+    if out is None:
+        return result
     from rigtwin.measure.drum_pictures import write_pictures
 
     return replace(result, files=write_pictures(out, result, shown, bed, scale or 1.0, progress))

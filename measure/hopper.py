@@ -104,13 +104,13 @@ def measure(
     bead_diameter: float | None = None,
     total_mass: float | None = None,
     bin_width: float | None = None,
-    out: Path,
+    out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
     """Opening, last particle, discharge time and flow rate from a clip of a hopper that empties.
 
-    `bead_diameter` [m], `total_mass` [kg] of the filling, `bin_width` [m] inside.  Raises `NothingToMeasure` when no
-    bed leaves.
+    `bead_diameter` [m], `total_mass` [kg] of the filling, `bin_width` [m] inside; pictures go into `out`.  Raises
+    `NothingToMeasure` when no bed leaves.
     """
     for name, value in (("bead diameter", bead_diameter), ("total mass", total_mass), ("bin width", bin_width)):
         if value is not None and not (math.isfinite(value) and value > 0):
@@ -188,10 +188,11 @@ def measure(
         camera=view,
         series=(left,),
     )
+    if out is None:
+        return result
     from rigtwin.measure.hopper_pictures import write_pictures
 
-    files = write_pictures(out, result, video, seen, left, edges, scale, progress)
-    return replace(result, files=files)
+    return replace(result, files=write_pictures(out, result, video, seen, left, edges, scale, progress))
 
 
 def evaluate(left: Series, *, total_mass: float | None = None, opened: float | None = None) -> Evaluation:

@@ -397,7 +397,7 @@ SCALE = 0.0008  # [m/px]
 
 
 # x264 writes another film at every run where it spreads what it learns of later frames (mbtree, on some processors)
-X264 = {"crf": "18", "x264-params": "mbtree=0"}
+X264 = {"crf": "18", "preset": "veryfast", "x264-params": "mbtree=0"}
 
 
 def draw_clip(path, truth, *, duration=0.66, exposure=0.25, mirror=False, seed=0, block=False, change=None, lost=-1):
