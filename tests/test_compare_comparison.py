@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import math
 import multiprocessing
 import re
 import shutil
@@ -54,11 +55,11 @@ repetitions = ["day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"]
 def swing(path: Path, restitution: float, *, angle: float, seed: int, length: float = 0.2, diameter: float = 0.012):
     """Tracks of two beads with 20 µm of noise, from the small print of a pendulum: energy and restitution only."""
     rate, gravity = 240.0, 9.81
-    start, step = np.radians(angle), 1e-5
+    start, step = math.radians(angle), 1e-5
     quarter, theta, speed = [-start] * 5000, -start, 0.0  # held for 50 ms
     while theta < 0:  # bead A swings down
         quarter.append(theta)
-        speed -= gravity / length * np.sin(theta) * step
+        speed -= gravity / length * math.sin(theta) * step
         theta += speed * step
     hit = len(quarter) * step
     after = {"A": speed * (1 - restitution) / 2, "B": speed * (1 + restitution) / 2}
@@ -68,7 +69,7 @@ def swing(path: Path, restitution: float, *, angle: float, seed: int, length: fl
         angles, theta, speed = list(quarter) if body == "A" else [0.0] * len(quarter), 0.0, after[body]
         while len(angles) * step < time[-1] + 0.01:
             angles.append(theta)
-            speed -= gravity / length * np.sin(theta) * step
+            speed -= gravity / length * math.sin(theta) * step
             theta += speed * step
         seen = np.asarray(angles)[(time / step).astype(int)]
         x = rest + length * np.sin(seen) + rng.normal(0, 2e-5, len(time))
@@ -302,6 +303,7 @@ def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, 
     assert {name: (out / name).read_bytes() for name in FILES} == before
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(lab, compared, tmp_path):
     mine = Path(shutil.copytree(lab, tmp_path / "lab"))
     results = Path(shutil.copytree(compared.files["report.html"].parent, tmp_path / "out"))
@@ -313,6 +315,7 @@ def test_an_experiment_that_was_renamed_in_the_lab_file_is_said_to_be_gone(lab, 
     assert compare(mine, results, workers=1, model=contact_of(tmp_path, "bead-bead")).remarks == ()
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_model_made_of_other_contacts_is_said_to_act_all_the_same(lab, tmp_path):
     other = contact_of(tmp_path, "D6_ABS-glass")
     (said,) = compare(lab, tmp_path / "out", workers=1, model=other).remarks
@@ -409,6 +412,7 @@ def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab
         assert worker.exitcode == -signal.SIGTERM  # ended, where one that is waited for ends by itself, with 0
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_an_interrupted_comparison_goes_on_with_its_twins_where_they_were(tmp_path):
     (tmp_path / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
     bare = BARE.replace("clip.avi", "bed.csv").replace("steel", "PMMA")

@@ -91,7 +91,7 @@ def test_rolling_friction_is_found_although_a_ball_starts_with_no_acceleration(a
     assert next(check for check in result.checks if check.check == "gravity").passed
 
 
-@pytest.mark.parametrize("variant", ["slide", "roll"])
+@pytest.mark.parametrize("variant", [pytest.param("slide", marks=pytest.mark.slow), "roll"])
 def test_intervals_cover_the_truth(variant):
     inside, count = 0, 14
     rng = np.random.default_rng(5)
@@ -112,7 +112,7 @@ def test_creep_before_the_onset_is_reported_and_left_out():
     assert pick(result, "static_friction_angle").value == pytest.approx(18.0, abs=0.1)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_run_that_is_tracked_less_well_than_the_rest_does_not_bend_the_onset(seed):
     """A body lies over its picture to a tenth of a pixel once it has left the pixels on which it rested."""
     angles, (track,) = record("roll", angle_deg=4.0, fps=240, noise=8e-6, seed=seed)
@@ -126,8 +126,15 @@ def test_a_run_that_is_tracked_less_well_than_the_rest_does_not_bend_the_onset(s
     assert found.value == pytest.approx(1.3, abs=0.012)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("angle", [9.5, 14.0])
+@pytest.mark.parametrize(
+    ("angle", "seed"),
+    [
+        (9.5, 0),
+        pytest.param(9.5, 1, marks=pytest.mark.slow),
+        pytest.param(14.0, 0, marks=pytest.mark.slow),
+        (14.0, 1),
+    ],
+)
 def test_a_sharp_onset_in_a_quiet_film_is_not_taken_for_a_creep_and_a_later_onset(angle, seed):
     """The onset of the simple motion is a narrow valley there, which a coarse search steps over."""
     angles, tracks = record("slide", angle_deg=angle, rate_deg=4.5, fps=120, noise=1.3e-5, seed=seed)
@@ -190,7 +197,7 @@ def test_a_body_that_stays_is_said_to_stay():
 @pytest.mark.parametrize("moving", ["slide", "roll"])
 @pytest.mark.parametrize("doubt", [0.12, math.inf])
 def test_friction_in_motion_tells_how_a_body_moves_where_the_scale_does_not(stated, moving, doubt):
-    for seed in range(3):
+    for seed in range(2):
         angles, tracks = record(moving, angle_deg=12.0 if moving == "slide" else 5.0, seed=seed)
         way = tilt._way(angles, tracks, stated, 0.006, scale_doubt=doubt)
         check = tilt_checks._variant_check(way, tilt._onset(way, "record")[1], stated)
@@ -236,7 +243,7 @@ def test_an_angle_in_a_squeezed_picture_is_doubted(squeeze):
     assert "squeezed" in next(check for check in found.checks if check.check == "proportions").message
 
 
-@pytest.mark.parametrize("times", [0.6, 0.8, 1.4])
+@pytest.mark.parametrize("times", [0.6, pytest.param(0.8, marks=pytest.mark.slow), 1.4])
 def test_a_wrong_frame_rate_is_told_from_a_squeezed_picture_where_a_body_rests_high_on_a_steep_plate(times):
     angles, (track,) = record("slide", angle_deg=20.4)
     other = [replace(each, time=each.time / times) for each in (angles, track)]
@@ -323,7 +330,7 @@ def clip(path, *, variant, angle_deg, fps=50.0, rate_deg=3.0, roll_deg=0.0, nois
     return path
 
 
-@pytest.mark.parametrize(("angle", "noise"), [(14.0, 2.0), (22.0, 5.0)])
+@pytest.mark.parametrize(("angle", "noise"), [pytest.param(14.0, 2.0, marks=pytest.mark.slow), (22.0, 5.0)])
 def test_a_plate_that_turns_by_a_degree_before_the_onset_is_not_called_squeezed(tmp_path, angle, noise):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=angle, rate_deg=1.0, noise=noise)
     found = pick(tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012), "static_friction")
@@ -331,11 +338,22 @@ def test_a_plate_that_turns_by_a_degree_before_the_onset_is_not_called_squeezed(
     assert not found.doubtful
 
 
+@pytest.fixture(scope="module")
+def rolling(tmp_path_factory):
+    film = clip(tmp_path_factory.mktemp("rolling") / "clip.mp4", variant="roll", angle_deg=6.0, roll_deg=1.5)
+    return tilt.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
+
+
+@pytest.fixture(scope="module")
+def sliding(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sliding")
+    film = clip(folder / "clip.mp4", variant="slide", angle_deg=14.0)
+    return tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012, out=folder / "out")
+
+
 @pytest.mark.parametrize(("variant", "angle", "roll"), [("slide", 14.0, 0.0), ("roll", 6.0, 1.5)])
-def test_a_drawn_clip_gives_the_drawn_onset(tmp_path, variant, angle, roll):
-    film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=angle, roll_deg=roll)
-    out = tmp_path / "out" if variant == "slide" else None
-    result = tilt.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012, out=out)
+def test_a_drawn_clip_gives_the_drawn_onset(request, variant, angle, roll):
+    result = request.getfixturevalue({"slide": "sliding", "roll": "rolling"}[variant])
     found = pick(result, f"{tilt.FRICTION[variant]}_angle")
     assert found.value == pytest.approx(angle, abs=0.15)
     assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
@@ -347,7 +365,7 @@ def test_a_drawn_clip_gives_the_drawn_onset(tmp_path, variant, angle, roll):
         assert Path(path).stat().st_size > 0
 
 
-@pytest.mark.parametrize(("variant", "post"), [("slide", 335), ("roll", 330)])
+@pytest.mark.parametrize(("variant", "post"), [("slide", 335), pytest.param("roll", 330, marks=pytest.mark.slow)])
 def test_a_post_before_the_plate_is_not_taken_for_the_body(tmp_path, variant, post):
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=14.0 if variant == "slide" else 6.0, post=post)
     result = tilt.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012)
@@ -360,7 +378,7 @@ def test_a_clip_that_begins_in_the_middle_of_the_run_is_refused(tmp_path):
         tilt.measure(film, Camera(frame_rate=40.0), variant="slide", bead_diameter=0.012)
 
 
-@pytest.mark.parametrize("first", [44, 45])  # the body lets go at frame 45
+@pytest.mark.parametrize("first", [44, pytest.param(45, marks=pytest.mark.slow)])  # the body lets go at frame 45
 def test_a_clip_that_begins_at_the_onset_is_doubted(tmp_path, first):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, lost=range(first))
     result = tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
@@ -400,10 +418,8 @@ def test_frames_lost_from_a_film_of_a_slow_plate_are_told_by_the_run(tmp_path):
     assert found.value == pytest.approx(14.0, abs=0.15)
 
 
-def test_the_size_of_a_bead_is_that_of_its_outline(tmp_path):
-    film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0)
-    result = tilt.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
-    assert result.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.1)
+def test_the_size_of_a_bead_is_that_of_its_outline(rolling):
+    assert rolling.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.1)
 
 
 def test_a_clip_in_which_nothing_slides_says_so(tmp_path):
@@ -465,7 +481,7 @@ def test_the_times_of_a_record_are_not_doubted_for_an_exposure():
     assert set(found.budget) == {"onset"}
 
 
-@pytest.mark.parametrize("stretch", [1.0, 8.0, 1000 / 30])
+@pytest.mark.parametrize("stretch", [1.0, 8.0, pytest.param(1000 / 30, marks=pytest.mark.slow)])
 def test_a_film_played_too_slowly_spoils_moments_and_speeds_but_not_the_angle(stretch):
     angle, tracks = record("slide", angle_deg=22, seed=5)
     slow = [replace(track, time=track.time * stretch) for track in tracks]
