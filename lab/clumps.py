@@ -124,11 +124,15 @@ def _integrals(centres: Array, radii: Array, columns: int) -> Array:
     y = low[1] + (np.arange(columns) + 0.5) * pitch[0]
     total = np.zeros(13)
     for z in low[2] + (np.arange(columns) + 0.5) * pitch[1]:
-        half2 = radii**2 - (y[:, None] - centres[:, 1]) ** 2 - (z - centres[:, 2]) ** 2
+        cut = np.abs(z - centres[:, 2]) < radii
+        if not cut.any():
+            continue
+        middles, sizes = centres[cut], radii[cut]
+        half2 = sizes**2 - (y[:, None] - middles[:, 1]) ** 2 - (z - middles[:, 2]) ** 2
         half = np.sqrt(np.maximum(half2, 0.0))
-        order = np.argsort(centres[:, 0] - half, axis=1)
-        start = np.take_along_axis(centres[:, 0] - half, order, axis=1)
-        end = np.maximum.accumulate(np.take_along_axis(centres[:, 0] + half, order, axis=1), axis=1)
+        order = np.argsort(middles[:, 0] - half, axis=1)
+        start = np.take_along_axis(middles[:, 0] - half, order, axis=1)
+        end = np.maximum.accumulate(np.take_along_axis(middles[:, 0] + half, order, axis=1), axis=1)
         # what a sphere adds to those that began before it
         begin = np.maximum(start, np.concatenate([start[:, :1], end[:, :-1]], axis=1))
         begin = np.minimum(begin, end)

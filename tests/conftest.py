@@ -3,6 +3,8 @@
 import importlib.util
 import sys
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,25 @@ if importlib.util.find_spec("rigtwin") is None:
     module = importlib.util.module_from_spec(spec)
     sys.modules["rigtwin"] = module
     spec.loader.exec_module(module)
+
+
+class AtOnce(Executor):
+    """Does each job where it is submitted."""
+
+    def submit(self, job: Callable[..., Any], /, *arguments: Any, **settings: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        try:
+            done.set_result(job(*arguments, **settings))
+        except Exception as error:
+            done.set_exception(error)
+        return done
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`compare` and `reproduce` work here: for tests of what they find, not of the processes that find it."""
+    for place in ("repetitions", "runs"):
+        monkeypatch.setattr(f"rigtwin.compare.{place}.spawned", lambda *_: nullcontext(AtOnce()))
 
 
 class PowerCut(Exception):

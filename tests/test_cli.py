@@ -239,6 +239,7 @@ def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd,
     assert "rolling" not in asked
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_twin_s_advice_in_a_comparison_names_no_option_that_compare_does_not_have(tmp_path, capfd, monkeypatch):
     from rigtwin.compare.twins import pile as bulk_twins
 
@@ -470,7 +471,7 @@ def bounces(path: Path, restitution: float) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     fall = math.sqrt(2 * 0.3 / 9.81)
     rows, contact, speed = [], fall, 9.81 * fall
-    time = np.arange(0, 0.75, 1 / 1000)
+    time = np.arange(0, 0.75, 1 / 240)
     height = np.where(time < fall, 0.3 - 4.905 * time**2, 0.0)
     while contact < time[-1]:
         speed *= restitution

@@ -4,6 +4,7 @@ import ast
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,12 @@ ROOMS = ("lab", "measure", "sim", "compare", "commands")
 BELOW = {"lab": set(), "measure": {"lab"}, "sim": {"lab"}, "compare": {"lab", "measure", "sim"}}
 BELOW["commands"] = BELOW["compare"] | {"compare"}
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+
+
+@cache
+def imports(module):
+    """The imports in a module, at its head and inside of functions."""
+    return [node for node in ast.walk(ast.parse(module.read_text())) if isinstance(node, ast.Import | ast.ImportFrom)]
 
 
 def test_every_package_folder_is_listed_in_pyproject():
@@ -53,14 +60,12 @@ def test_every_data_file_inside_the_rooms_is_packaged():
 @pytest.mark.parametrize("room", ROOMS)
 def test_imports_between_the_rooms_run_one_way(room):
     for module in (ROOT / room).rglob("*.py"):
-        for node in ast.walk(ast.parse(module.read_text())):
+        for node in imports(module):
             if isinstance(node, ast.ImportFrom):
                 assert node.level == 0, f"{module}: relative import"
                 names = [f"{node.module}.{alias.name}" for alias in node.names]
-            elif isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
             else:
-                continue
+                names = [alias.name for alias in node.names]
             for name in names:
                 parts = name.split(".")
                 if parts[0] == "rigtwin" and len(parts) > 1:
@@ -72,7 +77,7 @@ def test_the_engine_language_is_imported_in_one_module_only():
         path.relative_to(ROOT).as_posix()
         for room in ROOMS
         for path in (ROOT / room).rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in imports(path)
         if (isinstance(node, ast.Import) and any(alias.name.split(".")[0] == "taichi" for alias in node.names))
         or (isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "taichi")
     }

@@ -35,7 +35,7 @@ def measure(
     drum_diameter: float | None,
     speed: float | None = None,
     bead_diameter: float | None = None,
-    out: Path,
+    out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
     """Measure the dynamic angle of repose from a clip of a turning drum, or from a single picture of it.
@@ -148,6 +148,8 @@ def measure(
         camera=view,
         profiles=tuple(seen.profiles) if scale is not None else (),
     )
+    if out is None:
+        return result
     from rigtwin.measure.drum.figures import write_pictures
 
     return replace(result, files=write_pictures(out, result, shown, bed, scale or 1.0, progress))

@@ -52,7 +52,7 @@ def measure(
     bead_diameter: float | None = None,
     total_mass: float | None = None,
     bin_width: float | None = None,
-    out: Path,
+    out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
     """Measure opening, last particle, discharge time and flow rate from a clip of a hopper that empties.
@@ -175,6 +175,8 @@ def measure(
         camera=view,
         series=(left,),
     )
+    if out is None:
+        return result
     from rigtwin.measure.hopper.figures import write_pictures
 
     files = write_pictures(out, result, video, seen, left, edges, scale, progress)

@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import json
+import math
 import multiprocessing
 import re
 import shutil
@@ -55,11 +56,11 @@ repetitions = ["day1/swing.csv", "day2/swing.csv", "day2/nothing.csv"]
 def swing(path: Path, restitution: float, *, angle: float, seed: int, length: float = 0.2, diameter: float = 0.012):
     """Tracks of two beads with 20 µm of noise, from the small print of a pendulum: energy and restitution only."""
     rate, gravity = 240.0, 9.81
-    start, step = np.radians(angle), 1e-5
+    start, step = math.radians(angle), 1e-5
     quarter, theta, speed = [-start] * 5000, -start, 0.0  # held for 50 ms
     while theta < 0:  # bead A swings down
         quarter.append(theta)
-        speed -= gravity / length * np.sin(theta) * step
+        speed -= gravity / length * math.sin(theta) * step
         theta += speed * step
     hit = len(quarter) * step
     after = {"A": speed * (1 - restitution) / 2, "B": speed * (1 + restitution) / 2}
@@ -69,7 +70,7 @@ def swing(path: Path, restitution: float, *, angle: float, seed: int, length: fl
         angles, theta, speed = list(quarter) if body == "A" else [0.0] * len(quarter), 0.0, after[body]
         while len(angles) * step < time[-1] + 0.01:
             angles.append(theta)
-            speed -= gravity / length * np.sin(theta) * step
+            speed -= gravity / length * math.sin(theta) * step
             theta += speed * step
         seen = np.asarray(angles)[(time / step).astype(int)]
         x = rest + length * np.sin(seen) + rng.normal(0, 2e-5, len(time))
@@ -303,6 +304,7 @@ def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, 
     assert {name: (out / name).read_bytes() for name in FILES} == before
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_remark_names_an_experiment_that_was_renamed_in_the_lab_file(lab, compared, tmp_path):
     mine = Path(shutil.copytree(lab, tmp_path / "lab"))
     results = Path(shutil.copytree(compared.files["report.html"].parent, tmp_path / "out"))
@@ -314,6 +316,7 @@ def test_a_remark_names_an_experiment_that_was_renamed_in_the_lab_file(lab, comp
     assert compare(mine, results, workers=1, model=contact_of(tmp_path, "bead-bead")).remarks == ()
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_remark_says_that_effects_of_a_model_of_other_contacts_still_act(lab, tmp_path):
     other = contact_of(tmp_path, "D6_ABS-glass")
     (said,) = compare(lab, tmp_path / "out", workers=1, model=other).remarks
@@ -412,6 +415,7 @@ def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab
         assert worker.exitcode == -signal.SIGTERM  # ended, where one that is waited for ends by itself, with 0
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_an_interrupted_comparison_continues_with_its_kept_twins(tmp_path):
     (tmp_path / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
     bare = BARE.replace("clip.avi", "bed.csv").replace("steel", "PMMA")

@@ -11,6 +11,7 @@ def table(number):
     return Run(f"table-{number}", "rigtwin.lab.reference.hlosta2020:table", {"number": number})
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_finished_runs_are_kept_and_not_run_again(tmp_path):
     first = run_all([table(13), table(16)], tmp_path)
     assert list(first.results) == ["table-13", "table-16"]
@@ -24,6 +25,7 @@ def test_finished_runs_are_kept_and_not_run_again(tmp_path):
     assert len(again.results["table-7"]) == 14
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_other_settings_are_another_run(tmp_path):
     one = Run("table", "rigtwin.lab.reference.hlosta2020:table", {"number": 13})
     other = Run("table", "rigtwin.lab.reference.hlosta2020:table", {"number": 13, "as_printed": True})
@@ -59,6 +61,7 @@ def test_an_interrupt_has_a_note_on_what_is_kept(tmp_path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_truncated_or_damaged_result_is_run_again(tmp_path):
     one = Run("one", "builtins:dict", {"number": 16})
     run_all([one], tmp_path)

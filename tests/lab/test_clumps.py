@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from rigtwin.lab import clumps as shapes
 from rigtwin.lab.clumps import ACCURACY, clump, cubic, filled, mass_properties, row
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Material, Particle, clumped
@@ -193,7 +194,7 @@ def test_more_spheres_fill_a_cube_better_and_none_passes_its_faces():
     assert 0.75 < parts[2] < 1
 
 
-def test_a_rod_from_an_stl_file_is_filled_with_spheres_along_it(tmp_path):
+def test_a_rod_from_an_stl_file_is_filled_with_spheres_along_it(tmp_path, monkeypatch):
     rod = trimesh.creation.cylinder(radius=3e-3, height=15e-3, sections=24)
     rod.export(tmp_path / "rod.stl")
     shape = filled(tmp_path / "rod.stl", 6)
@@ -203,6 +204,7 @@ def test_a_rod_from_an_stl_file_is_filled_with_spheres_along_it(tmp_path):
     places = np.array(shape.offsets)
     thickness = np.ptp(places, axis=0)
     assert sorted(thickness)[1] < 3e-3 < max(thickness)  # in a line
+    monkeypatch.setattr(shapes, "GRID", 24)
     assert filled(rod, 6) == filled(rod, 6)
 
 
@@ -217,6 +219,7 @@ def test_a_body_that_is_open_or_cannot_be_read_is_refused(tmp_path):
         filled(cube, 0)
 
 
-def test_more_spheres_than_a_body_has_room_for_are_refused():
+def test_more_spheres_than_a_body_has_room_for_are_refused(monkeypatch):
+    monkeypatch.setattr(shapes, "GRID", 16)  # a body looked at more closely has room for more small ones
     with pytest.raises(BadInput, match="already fill"):
         filled(trimesh.creation.icosphere(subdivisions=2, radius=3e-3), 500)

@@ -334,7 +334,7 @@ def lifted(tmp_path_factory):
     return write_drops(lab, 41, beads=("heavy",), heights=(0.1, 0.3, 0.6), repetitions=3, lift=0.1)
 
 
-@pytest.mark.parametrize("unsolved", ["", "form:constant_sideways"])
+@pytest.mark.parametrize("unsolved", [pytest.param("", marks=pytest.mark.slow), "form:constant_sideways"])
 def test_an_unlisted_force_across_the_speed_is_reported_as_a_formula(lifted, monkeypatch, unsolved):
     without_a_solution(monkeypatch, lambda terms: unsolved in [term.name for term in terms])
     diagnosis = verdict_on(lifted, "air_drag", "camera_roll")
@@ -432,19 +432,21 @@ def test_dry_pivot_friction_is_named(tmp_path):
     assert document["effects"][0]["parameters"]["moment"]["value"] == pytest.approx(2e-6, rel=0.02)
 
 
-def test_rolling_friction_that_grows_with_speed_is_named(tmp_path):
-    lab = write_rolls(tmp_path / "lab", 16, slope=0.05)
-    document = verdict_on(lab, "rolling_speed", "scale_error", "plate_tilt").to_json()
-    assert document["effects"][0]["effect"] == "rolling_speed"
+@pytest.fixture(scope="module")
+def rolled(tmp_path_factory):
+    lab = write_rolls(tmp_path_factory.mktemp("rolled") / "lab", 16, slope=0.05)
+    return verdict_on(lab, "rolling_speed", "scale_error", "plate_tilt")
 
 
-def test_the_model_file_of_a_rolling_bead_carries_its_rolling_friction(tmp_path):
-    lab = write_rolls(tmp_path / "lab", 16, slope=0.05)
-    found = verdict_on(lab, "rolling_speed", "scale_error", "plate_tilt")
-    write_model(tmp_path / "model.toml", model_of(found))
+def test_rolling_friction_that_grows_with_speed_is_named(rolled):
+    assert rolled.to_json()["effects"][0]["effect"] == "rolling_speed"
+
+
+def test_the_model_file_of_a_rolling_bead_carries_its_rolling_friction(rolled, tmp_path):
+    write_model(tmp_path / "model.toml", model_of(rolled))
     (contact,) = read_model(tmp_path / "model.toml").contacts.values()
-    fitted = found.chosen.fitted
-    assert contact.rolling_friction == pytest.approx(fitted.value(f"rolling_friction.{found.bench.pairs[0]}"))
+    fitted = rolled.chosen.fitted
+    assert contact.rolling_friction == pytest.approx(fitted.value(f"rolling_friction.{rolled.bench.pairs[0]}"))
     assert contact.restitution is None
 
 
@@ -473,7 +475,9 @@ def test_a_yield_speed_is_found_from_the_wrong_side_of_zero(tmp_path):
     assert below.deviance == pytest.approx(above.deviance, abs=1e-2)
 
 
-@pytest.mark.parametrize("true", [1e-4, 3e-4])  # the larger one is far from the baseline's start
+@pytest.mark.parametrize(
+    "true", [pytest.param(1e-4, marks=pytest.mark.slow), 3e-4]
+)  # the larger one is far from the baseline's start
 def test_rolling_friction_of_three_sizes_that_goes_with_one_over_d_is_a_lever_arm(tmp_path, true):
     lab = read_tracked_lab(write_rolls(tmp_path, 5, lever=true, sizes=(0.7, 1.0, 2.0)))
     found = diagnose(lab, listed=[named(name) for name in ("rolling_lever", "rolling_speed", "air_drag")])

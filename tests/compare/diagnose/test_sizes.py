@@ -11,7 +11,10 @@ from rigtwin.compare.diagnose.fitting.fit import fit
 from rigtwin.sim.effects import named
 
 
-@pytest.mark.parametrize("seed", [(10160, 127), (10161, 318), (11,)])
+@pytest.mark.parametrize(
+    "seed",
+    [(10160, 127), pytest.param((10161, 318), marks=pytest.mark.slow), pytest.param((11,), marks=pytest.mark.slow)],
+)
 def test_pivot_friction_beside_drag_is_found_with_slightly_wrong_diameters(seed, tmp_path):
     """The pivot's share was off by three of its deviations and more where bobs of two sizes had the stated ones."""
     truth = write(Case("pair", "pendulum", ("air_drag", "pivot_friction"), "moderate"), "lab", seed, tmp_path)

@@ -1,5 +1,7 @@
 """Distance of neighbouring beads in drawn beds."""
 
+import math
+
 import cv2
 import numpy as np
 import pytest
@@ -26,15 +28,17 @@ def bed(radius: float, *, seed: int = 1, blur: float = 0.7, noise: float = 2.0, 
     rng = np.random.default_rng(seed)
     side = round(28 * radius)
     picture = np.full((side, side), 30.0)
-    y, x = np.mgrid[:side, :side]
     for tone in (0.5, 0.75, 1.0):
         layer = 2 * radius * touching(14, rng)
         # through a loose layer the beads below are visible
         for place in layer[rng.uniform(size=len(layer)) < 0.9]:
-            away = np.hypot(x - place[0], y - place[1]) / radius
+            left, top = (max(math.floor(middle - radius), 0) for middle in place)
+            part = picture[top : math.ceil(top + 2 * radius + 2), left : math.ceil(left + 2 * radius + 2)]
+            y, x = np.mgrid[: part.shape[0], : part.shape[1]]
+            away = np.hypot(left + x - place[0], top + y - place[1]) / radius
             inside = away < 1
-            picture[inside] = tone * (60 + 150 * np.sqrt(1 - away[inside] ** 2)) * rng.uniform(0.9, 1.1)
-    picture += light * (x - side / 2) / side + noise * rng.standard_normal(picture.shape)
+            part[inside] = tone * (60 + 150 * np.sqrt(1 - away[inside] ** 2)) * rng.uniform(0.9, 1.1)
+    picture += light * (np.arange(side) - side / 2) / side + noise * rng.standard_normal(picture.shape)
     return np.clip(cv2.GaussianBlur(picture, (0, 0), blur), 0, 255).astype(np.uint8)
 
 

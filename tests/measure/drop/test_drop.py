@@ -516,7 +516,9 @@ def test_scales_from_rule_bead_and_gravity_agree(clip, measured):
     assert 2 * measured.camera["bead_radius_px"] * SCALE == pytest.approx(DIAMETER, rel=0.03)
 
 
-@pytest.mark.parametrize(("rate", "across"), [(FPS / 1.25, 1.0), (FPS, 1.3), (FPS, 0.7)])
+@pytest.mark.parametrize(
+    ("rate", "across"), [(FPS / 1.25, 1.0), (FPS, 1.3), pytest.param(FPS, 0.7, marks=pytest.mark.slow)]
+)
 def test_a_rate_and_diameter_that_contradict_gravity_make_lengths_doubtful(clip, rate, across):
     result = drop_measurement.measure(
         clip, Camera(frame_rate=rate), bead_diameter=across * DIAMETER, bead_density=7800.0

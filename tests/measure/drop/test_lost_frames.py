@@ -81,8 +81,18 @@ def off(result, truth=0.7):
     ]
 
 
-@pytest.mark.parametrize(("rate", "lost"), [(60.0, 1), (240.0, 1), (240.0, 2), (1000.0, 3)])
-@pytest.mark.parametrize("place", [0.17, 0.3, 0.46, 0.66])  # [s]: in the fall, the first flight and the second
+FILMS = ((60.0, 1), (240.0, 1), (240.0, 2), (1000.0, 3))  # [1/s], and how many are lost
+PLACES = (0.17, 0.3, 0.46, 0.66)  # [s]: in the fall, the first flight and the second
+
+
+@pytest.mark.parametrize(
+    ("rate", "lost", "place"),
+    [
+        pytest.param(*one, place, marks=() if (k + n) % 4 in ((0, 1) if one[0] < 1000 else (3,)) else pytest.mark.slow)
+        for k, one in enumerate(FILMS)
+        for n, place in enumerate(PLACES)
+    ],
+)
 def test_a_frame_lost_in_flight_is_corrected_and_reported(rate, lost, place):
     result = drop.evaluate(record(without(round(place * rate), lost), rate=rate, duration=0.85, seed=round(rate)))
     assert f"{lost} frame" in check(result, "frame_timing").message

@@ -253,20 +253,14 @@ def film(
             container.mux(packet)
 
 
-def measured(path: Path, roll: float | None = None, **known: float) -> Measurement:
-    return drum_measurement.measure(
-        path,
-        Camera(frame_rate=30.0, roll=roll),
-        drum_diameter=0.15,
-        bead_diameter=0.006,
-        out=path.parent / "out",
-        **known,
-    )
+def measured(path: Path, roll: float | None = None, out: Path | None = None) -> Measurement:
+    camera = Camera(frame_rate=30.0, roll=roll)
+    return drum_measurement.measure(path, camera, drum_diameter=0.15, bead_diameter=0.006, out=out)
 
 
 def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None:
     film(tmp_path / "drum.mp4", -30.0, roll=2.0)
-    found = measured(tmp_path / "drum.mp4")
+    found = measured(tmp_path / "drum.mp4", out=tmp_path / "out")
     angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
     assert angle.value == pytest.approx(30.0, abs=0.6)
     assert angle.interval95[0] < 30.0 < angle.interval95[1]
@@ -274,6 +268,7 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     assert found.camera["camera_roll_deg"] == pytest.approx(2.0, abs=0.2)
     assert found.camera["drum_radius_px"] == pytest.approx(RADIUS_PX, abs=1.5)
     assert found.camera["scale_m_per_px"] == pytest.approx(0.15 / (2 * RADIUS_PX), rel=0.015)
+    assert {"overlay", "still", "plot"} <= set(found.files)
     assert all(path.exists() for path in found.files.values())
     assert not angle.doubtful
 
@@ -296,7 +291,7 @@ def test_a_wrong_roll_is_compared_with_a_stand_right_below_the_drum(tmp_path: Pa
     assert all("camera roll of +8.00 degrees was given" in one.doubtful for one in found.quantities)
 
 
-@pytest.mark.parametrize("roll", [-8.0, 12.0, 20.0])
+@pytest.mark.parametrize("roll", [-8.0, pytest.param(12.0, marks=pytest.mark.slow), 20.0])
 def test_a_camera_turned_by_more_than_a_stand_allows_is_corrected_and_doubtful(tmp_path: Path, roll: float) -> None:
     film(tmp_path / "drum.mp4", 30.0, roll=roll)
     found = measured(tmp_path / "drum.mp4")
@@ -382,7 +377,7 @@ def test_a_film_broken_off_has_nothing_that_is_not_doubtful(tmp_path: Path) -> N
     clip = tmp_path / "drum.mkv"
     film(clip, 30.0)
     clip.write_bytes(clip.read_bytes()[: int(0.9 * clip.stat().st_size)])
-    assert all("broken off" in one.doubtful for one in measured(clip).quantities)
+    assert all("broken off" in one.doubtful for one in measured(clip, out=tmp_path / "out").quantities)
 
 
 def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_pixels(tmp_path: Path) -> None:
@@ -415,10 +410,10 @@ def test_the_mirrored_drum_has_the_same_angle_and_turns_the_other_way(tmp_path: 
     assert {"turning", "bed_below"} <= {check.check for check in found.checks if check.passed}
 
 
-@pytest.mark.parametrize("quarters", [1, 2, 3])
+@pytest.mark.parametrize("quarters", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_film_on_its_side_is_doubtful(tmp_path: Path, quarters: int) -> None:
     film(tmp_path / "drum.mp4", -28.0, quarters=quarters)
-    found = measured(tmp_path / "drum.mp4")
+    found = measured(tmp_path / "drum.mp4", out=tmp_path / "out" if quarters == 2 else None)
     assert all("on its side" in one.doubtful for one in found.quantities)
 
 
@@ -474,9 +469,7 @@ def test_a_clip_without_a_drum_is_refused(tmp_path: Path) -> None:
         for packet in stream.encode():
             container.mux(packet)
     with pytest.raises(NothingToMeasure, match="drum"):
-        drum_measurement.measure(
-            tmp_path / "none.mp4", Camera(frame_rate=30.0), drum_diameter=0.15, out=tmp_path / "out"
-        )
+        drum_measurement.measure(tmp_path / "none.mp4", Camera(frame_rate=30.0), drum_diameter=0.15)
 
 
 def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -344,6 +346,7 @@ def true_profile(centres: Array) -> Profile:
     return Profile(x, height, np.zeros_like(x))
 
 
+@lru_cache(maxsize=8)
 def draw(scene: Scene) -> Image:
     """A shaded photo of the scene with a real camera's perspective, blur, noise and roll."""
     random = np.random.default_rng(scene.seed + 1000)
@@ -432,6 +435,14 @@ def measured(path: Path, scene: Scene, out: Path | None = None) -> Measurement:
     return measure([path], Camera(), base_diameter=scene.base * BEAD, bead_diameter=BEAD, out=out)
 
 
+@cache
+def as_measured(scene: Scene) -> Measurement:
+    """Measured from its photo, once for all tests that ask."""
+    with TemporaryDirectory() as folder:
+        return measured(photograph(Path(folder), scene), scene)
+
+
+@cache
 def truth(scene: Scene) -> Evaluation:
     """The angle definitions applied to the exact outline of the drawn spheres."""
     outline = true_profile(heap_of_spheres(scene))
@@ -440,9 +451,9 @@ def truth(scene: Scene) -> Evaluation:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_a_drawn_heap_is_measured_within_its_interval(name: str, tmp_path: Path) -> None:
+def test_a_drawn_heap_is_measured_within_its_interval(name: str) -> None:
     scene = SCENES[name]
-    result, exact = measured(photograph(tmp_path, scene), scene), truth(scene)
+    result, exact = as_measured(scene), truth(scene)
     for quantity in MAIN:
         found = angle(result, quantity, "mean")
         wanted = angle(exact, quantity, "mean").value
@@ -461,8 +472,17 @@ def as_seen(picture: Image, light: str) -> Image:
     return np.asarray(np.rint(picture * 0.25 if light == "dark" else 110 + (picture - 110.0) * 0.3), dtype=np.uint8)
 
 
-@pytest.mark.parametrize("light", ["grey", "dark", "dull"])
-@pytest.mark.parametrize("name", ["plain", "looking down, clutter, noise", "as light as the wall"])
+HEAPS, LIGHTS = ("plain", "looking down, clutter, noise", "as light as the wall"), ("grey", "dark", "dull")
+
+
+@pytest.mark.parametrize(
+    ("name", "light"),
+    [
+        pytest.param(name, light, marks=() if HEAPS.index(name) == LIGHTS.index(light) else pytest.mark.slow)
+        for name in HEAPS
+        for light in LIGHTS
+    ],
+)
 def test_a_heap_in_grey_dark_or_dull_is_measured_like_in_colour(name: str, light: str, tmp_path: Path) -> None:
     scene = SCENES.get(name, Scene(bead=(150, 190, 210), wall=(175, 180, 180), seed=7))
     path = tmp_path / "heap.jpg"
@@ -544,9 +564,8 @@ def test_a_mirrored_photo_gives_the_mirrored_angles(tmp_path: Path) -> None:
     assert one.camera["camera_roll_deg"] == pytest.approx(-other.camera["camera_roll_deg"], abs=0.1)
 
 
-def test_two_degrees_of_camera_roll_do_not_change_the_angle(tmp_path: Path) -> None:
-    level, rolled = (Scene(seed=8, roll=roll) for roll in (0.0, 2.0))
-    one, other = (measured(photograph(tmp_path, scene), scene) for scene in (level, rolled))
+def test_two_degrees_of_camera_roll_do_not_change_the_angle() -> None:
+    one, other = (as_measured(Scene(seed=8, roll=roll)) for roll in (0.0, 2.0))
     for name in MAIN:
         assert angle(one, name, "mean").value == pytest.approx(angle(other, name, "mean").value, abs=0.3)
 
@@ -555,9 +574,9 @@ def test_two_degrees_of_camera_roll_do_not_change_the_angle(tmp_path: Path) -> N
 def test_a_stated_roll_is_compared_with_the_base_and_changes_no_angle(tmp_path: Path, sign: int) -> None:
     scene = Scene(seed=8, roll=2.0)  # clockwise
     photo = photograph(tmp_path, scene)
-    sizes = {"base_diameter": scene.base * BEAD, "bead_diameter": BEAD}
-    free = measure([photo], Camera(), **sizes)
-    said = measure([photo], Camera(roll=math.radians(2.0 * sign)), **sizes)
+    free = as_measured(scene)
+    camera = Camera(roll=math.radians(2.0 * sign))
+    said = measure([photo], camera, base_diameter=scene.base * BEAD, bead_diameter=BEAD)
     (check,) = [each for each in said.checks if each.check == "camera_roll"]
     assert check.passed is (sign > 0)
     assert "base" in check.message
@@ -594,7 +613,7 @@ def test_a_scale_that_the_base_contradicts_makes_lengths_doubtful_and_no_angle(
 ) -> None:
     scene = SCENES["plain"]
     path = photograph(tmp_path, scene)
-    right = measured(path, scene)
+    right = as_measured(scene)
     scale = factor * right.camera["scale_m_per_px"]
     base = scene.base * BEAD
     result = measure([path], Camera(scale=scale), base_diameter=base)
@@ -610,8 +629,7 @@ def test_heights_that_depend_on_the_base_alone_give_a_warning(tmp_path: Path) ->
     photo = photograph(tmp_path, scene)
     alone = measure([photo], Camera(), base_diameter=scene.base * BEAD)
     assert any("not confirmed" in warning and "base diameter" in warning for warning in alone.warnings)
-    both = measure([photo], Camera(), base_diameter=scene.base * BEAD, bead_diameter=BEAD)
-    assert not any("not confirmed" in warning for warning in both.warnings)
+    assert not any("not confirmed" in warning for warning in as_measured(scene).warnings)
 
 
 def test_a_base_of_25_beads_is_as_wide_as_advised() -> None:

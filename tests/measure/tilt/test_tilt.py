@@ -94,7 +94,7 @@ def test_rolling_friction_is_found_although_a_ball_starts_with_no_acceleration(a
     assert next(check for check in result.checks if check.check == "gravity").passed
 
 
-@pytest.mark.parametrize("variant", ["slide", "roll"])
+@pytest.mark.parametrize("variant", [pytest.param("slide", marks=pytest.mark.slow), "roll"])
 def test_intervals_cover_the_truth(variant):
     inside, count = 0, 14
     rng = np.random.default_rng(5)
@@ -115,7 +115,7 @@ def test_creep_before_the_onset_is_reported_and_does_not_shift_it():
     assert pick(result, "static_friction_angle").value == pytest.approx(18.0, abs=0.1)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(2, marks=pytest.mark.slow)])
 def test_larger_tracking_errors_in_the_run_do_not_shift_the_onset(seed):
     """The registration error is a tenth of a pixel once the body has left its pixels at rest."""
     angles, (track,) = record("roll", angle_deg=4.0, fps=240, noise=8e-6, seed=seed)
@@ -129,8 +129,15 @@ def test_larger_tracking_errors_in_the_run_do_not_shift_the_onset(seed):
     assert found.value == pytest.approx(1.3, abs=0.012)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("angle", [9.5, 14.0])
+@pytest.mark.parametrize(
+    ("angle", "seed"),
+    [
+        (9.5, 0),
+        pytest.param(9.5, 1, marks=pytest.mark.slow),
+        pytest.param(14.0, 0, marks=pytest.mark.slow),
+        (14.0, 1),
+    ],
+)
 def test_a_sharp_onset_with_little_noise_is_not_taken_for_creep(angle, seed):
     """The onset without creep is then a narrow minimum, which a coarse search may miss."""
     angles, tracks = record("slide", angle_deg=angle, rate_deg=4.5, fps=120, noise=1.3e-5, seed=seed)
@@ -193,7 +200,7 @@ def test_a_body_that_does_not_move_is_refused():
 @pytest.mark.parametrize("moving", ["slide", "roll"])
 @pytest.mark.parametrize("scale_doubt", [0.12, math.inf])
 def test_friction_in_motion_shows_the_kind_of_motion_without_a_scale(stated, moving, scale_doubt):
-    for seed in range(3):
+    for seed in range(2):
         angles, tracks = record(moving, angle_deg=12.0 if moving == "slide" else 5.0, seed=seed)
         way = tilt.way_down(angles, tracks, stated, 0.006, scale_doubt=scale_doubt)
         check = tilt_checks._variant_check(way, tilt.onset_of(way, "record")[1], stated)
@@ -239,7 +246,7 @@ def test_an_angle_in_a_squeezed_picture_is_doubtful(squeeze):
     assert "squeezed" in next(check for check in found.checks if check.check == "proportions").message
 
 
-@pytest.mark.parametrize("times", [0.6, 0.8, 1.4])
+@pytest.mark.parametrize("times", [0.6, pytest.param(0.8, marks=pytest.mark.slow), 1.4])
 def test_a_wrong_frame_rate_is_distinguished_from_a_squeezed_picture_on_a_steep_plate(times):
     angles, (track,) = record("slide", angle_deg=20.4)
     other = [replace(each, time=each.time / times) for each in (angles, track)]
@@ -326,7 +333,7 @@ def clip(path, *, variant, angle_deg, fps=50.0, rate_deg=3.0, roll_deg=0.0, nois
     return path
 
 
-@pytest.mark.parametrize(("angle", "noise"), [(14.0, 2.0), (22.0, 5.0)])
+@pytest.mark.parametrize(("angle", "noise"), [pytest.param(14.0, 2.0, marks=pytest.mark.slow), (22.0, 5.0)])
 def test_a_small_turn_before_the_onset_is_not_taken_for_a_squeezed_picture(tmp_path, angle, noise):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=angle, rate_deg=1.0, noise=noise)
     found = pick(
@@ -336,11 +343,22 @@ def test_a_small_turn_before_the_onset_is_not_taken_for_a_squeezed_picture(tmp_p
     assert not found.doubtful
 
 
+@pytest.fixture(scope="module")
+def rolling(tmp_path_factory):
+    film = clip(tmp_path_factory.mktemp("rolling") / "clip.mp4", variant="roll", angle_deg=6.0, roll_deg=1.5)
+    return tilt.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
+
+
+@pytest.fixture(scope="module")
+def sliding(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sliding")
+    film = clip(folder / "clip.mp4", variant="slide", angle_deg=14.0)
+    return tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012, out=folder / "out")
+
+
 @pytest.mark.parametrize(("variant", "angle", "roll"), [("slide", 14.0, 0.0), ("roll", 6.0, 1.5)])
-def test_a_drawn_clip_gives_the_true_onset(tmp_path, variant, angle, roll):
-    film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=angle, roll_deg=roll)
-    out = tmp_path / "out" if variant == "slide" else None
-    result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012, out=out)
+def test_a_drawn_clip_gives_the_true_onset(request, variant, angle, roll):
+    result = request.getfixturevalue({"slide": "sliding", "roll": "rolling"}[variant])
     found = pick(result, f"{tilt.FRICTION[variant]}_angle")
     assert found.value == pytest.approx(angle, abs=0.15)
     assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
@@ -352,7 +370,7 @@ def test_a_drawn_clip_gives_the_true_onset(tmp_path, variant, angle, roll):
         assert Path(path).stat().st_size > 0
 
 
-@pytest.mark.parametrize(("variant", "post"), [("slide", 335), ("roll", 330)])
+@pytest.mark.parametrize(("variant", "post"), [("slide", 335), pytest.param("roll", 330, marks=pytest.mark.slow)])
 def test_a_post_in_front_of_the_plate_is_not_taken_for_the_body(tmp_path, variant, post):
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=14.0 if variant == "slide" else 6.0, post=post)
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012)
@@ -365,7 +383,7 @@ def test_a_clip_that_begins_in_the_middle_of_the_run_is_refused(tmp_path):
         tilt_measurement.measure(film, Camera(frame_rate=40.0), variant="slide", bead_diameter=0.012)
 
 
-@pytest.mark.parametrize("first", [44, 45])  # onset at frame 45
+@pytest.mark.parametrize("first", [44, pytest.param(45, marks=pytest.mark.slow)])  # the body lets go at frame 45
 def test_a_clip_that_begins_at_the_onset_is_doubtful(tmp_path, first):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, lost=range(first))
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
@@ -405,10 +423,8 @@ def test_lost_frames_with_a_slow_plate_are_found_from_the_run(tmp_path):
     assert found.value == pytest.approx(14.0, abs=0.15)
 
 
-def test_the_scale_follows_from_the_outline_of_the_bead(tmp_path):
-    film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0)
-    result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
-    assert result.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.1)
+def test_the_scale_follows_from_the_outline_of_the_bead(rolling):
+    assert rolling.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.1)
 
 
 def test_a_clip_in_which_nothing_slides_is_refused(tmp_path):
@@ -470,7 +486,7 @@ def test_a_record_has_no_exposure_term_in_its_time_budget():
     assert set(found.budget) == {"onset"}
 
 
-@pytest.mark.parametrize("stretch", [1.0, 8.0, 1000 / 30])
+@pytest.mark.parametrize("stretch", [1.0, 8.0, pytest.param(1000 / 30, marks=pytest.mark.slow)])
 def test_slow_motion_makes_times_and_kinetic_friction_doubtful_but_not_the_angle(stretch):
     angle, tracks = record("slide", angle_deg=22, seed=5)
     slow = [replace(track, time=track.time * stretch) for track in tracks]
