@@ -197,7 +197,7 @@ def test_a_warning_names_a_doubtful_repetition_that_is_excluded_from_the_mean(co
     [(2.0, 0.0, False), (2.08, 0.0, False), (0.1, 0.0, True), (2.2, 0.0, True), (2.2, 0.2, False), (3.0, 0.2, True)],
 )
 def test_a_plate_that_rises_at_another_speed_than_stated_gives_a_warning(compared, stated, by_hand, warned):
-    """At 2 deg/s after a second of rest; by hand it goes 20 % faster and slower in turn."""
+    """A plate at 2 deg/s after a second of rest; by hand the speed alternates by 20 %."""
     time = np.arange(600) / 100
     speed = np.where(time < 1, 0, 2 * (1 + by_hand * np.sign(np.sin(1.5 * time))))
     angle = np.cumsum(speed) / 100 + np.random.default_rng(1).normal(0, 0.02, len(time))
@@ -308,7 +308,7 @@ def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, 
 def test_a_remark_names_an_experiment_that_was_renamed_in_the_lab_file(lab, compared, tmp_path):
     mine = Path(shutil.copytree(lab, tmp_path / "lab"))
     results = Path(shutil.copytree(compared.files["report.html"].parent, tmp_path / "out"))
-    document = results / "deviations.json"  # as if this folder had been compared into it
+    document = results / "deviations.json"  # pretend that the results belong to this folder
     document.write_text(document.read_text().replace(str(lab), str(mine)))
     (mine / "lab.toml").write_text(LAB.replace("pair/1", "pair-1"))
     (said,) = compare(mine, results, workers=1).remarks
@@ -324,7 +324,7 @@ def test_a_remark_says_that_effects_of_a_model_of_other_contacts_still_act(lab, 
 
 
 def contact_of(folder, pair):
-    """A model that knows the lab's bead, one contact, and of the air."""
+    """A model with the lab's bead, one contact, and air drag."""
     file, bead = folder / "model.toml", LAB[LAB.index("[particles") : LAB.index("[contacts")]
     effect = "[effects.air_drag]\ndrag_coefficient = 0.47\n"
     file.write_text(f"{bead}\n[contacts.{pair}]\nrestitution = 0.5\n\n{effect}")
@@ -412,7 +412,7 @@ def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab
         deadline = time.monotonic() + 60  # not by `join`: the pool's own thread may be the one that learns how it ended
         while worker.exitcode is None and time.monotonic() < deadline:
             time.sleep(0.01)
-        assert worker.exitcode == -signal.SIGTERM  # ended, where one that is waited for ends by itself, with 0
+        assert worker.exitcode == -signal.SIGTERM  # terminated; a worker that finishes exits with 0
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -440,7 +440,7 @@ def test_an_interrupted_comparison_continues_with_its_kept_twins(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         compare(tmp_path, out, impatient, workers=1, threads=1)
-    kept.write_bytes(kept.read_bytes()[:1000])  # damaged: begun anew
+    kept.write_bytes(kept.read_bytes()[:1000])  # damaged: starts again
     (out / "unfinished/notes.txt").write_text("mine")
     again = compare(tmp_path, out, workers=1, threads=1)
     assert [q.value for q in again.outcomes[0].twin.evaluation.quantities] == values[0]

@@ -175,7 +175,7 @@ def test_the_mean_over_views_leaves_doubtful_views_out_and_keeps_what_they_share
 
     (one,) = over_views([slope(24.0, "front"), slope(26.0, "back"), slope(60.0, "top", "cut off")])
     assert (one.value, one.doubtful) == (25.0, "")
-    # standard error of 24 and 26 is 1; the camera stood where it stood
+    # the standard error of 24 and 26 is 1; the camera is the same
     assert one.std_uncertainty == pytest.approx(math.hypot(1.0, 0.4))
 
 
@@ -279,7 +279,7 @@ def test_one_pile_rejects_no_twin_but_several_that_agree_do(simulated):
 
 @pytest.mark.parametrize(
     ("rig", "verdict"),
-    # a bed and a discharge come out otherwise with every seed; a drum's uncertainty has its scatter over time
+    # beds and discharges differ between seeds; the uncertainty of a drum includes its scatter over time
     [("packing", "too few repetitions to tell"), ("hopper", "too few repetitions to tell"), ("drum", "twin too high")],
 )
 def test_one_run_is_not_rejected_where_runs_differ_by_their_seed(rig, verdict):

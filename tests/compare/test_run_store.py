@@ -45,7 +45,7 @@ def test_a_fault_of_one_run_is_reported_and_the_others_continue_and_are_kept(tmp
     done = run_all([faulty, table(16), table(99)], tmp_path, workers=1)
     assert list(done.results) == ["table-16"]
     assert done.failures["faulty"].startswith("a fault of rigtwin itself (TypeError: ")
-    assert list(done.faults) == ["faulty"]  # the wrong table is none
+    assert list(done.faults) == ["faulty"]  # a RigtwinError is a failure, not a fault
     assert "Traceback" in done.faults["faulty"]
     assert len(list(tmp_path.iterdir())) == 1
 

@@ -40,7 +40,7 @@ def until(happened, within: float) -> bool:
 
 
 def rests(written: Path) -> bool:
-    """Nothing is written for a second, ten times as long as between two words of a worker."""
+    """Whether nothing is written for a second, ten times the interval between two writes of a worker."""
     before = written.stat().st_size
     time.sleep(1.0)
     return written.stat().st_size == before

@@ -125,7 +125,7 @@ FAULTS = {"exchanged": lambda place: place[:, ::-1], "counted downwards": lambda
 
 
 def drawn_drops(rng, n):
-    """(steps, n, 2) [m]: beads let go or thrown, the light ones slowed by the air, over a lively plate."""
+    """(steps, n, 2) [m]: beads released or thrown, the light ones slowed by air, over an elastic plate."""
     thrown = rng.random(n) < 0.5
     speed = np.where(thrown, rng.uniform([[-1.0], [-0.5]], [[1.0], [1.5]], (2, n)), 0.0)
     height, lively = np.exp(rng.uniform(np.log(0.02), np.log(0.6), n)), rng.uniform(0.3, 0.97, n)
@@ -184,7 +184,7 @@ def fault_of(rig, time, place, settings):
 
 
 def assert_reported(rig, seen):
-    """None of the motions is refused, and most copies with a fault are, where there are rows enough to see it."""
+    """No motion is refused, and most faulty copies with enough rows are."""
     assert [said for time, place, one in seen if (said := fault_of(rig, time, place, one))] == []
     sharp = [one for one in seen if len(one[0]) > 40]
     for fault, turn in FAULTS.items():

@@ -26,7 +26,7 @@ def test_the_variations_of_a_quadratic_drag_are_linear_and_cubic():
         single, double = (np.array(term.force(0.0, -v, 0.1, 3e-3, 1e-4, 0.1)) for v in (1.0, 2.0))
         assert double[1] == pytest.approx(2**power * single[1], rel=1e-6)
         assert single[0] == 0.0
-    # at 1 m/s a bend is that share of the drag itself
+    # at 1 m/s a variation is that share of the drag
     plain = drag.force(0.0, -1.0, 0.1, 3e-3, 1e-4, 0.4)[1]
     assert slower.force(0.0, -1.0, 0.1, 3e-3, 1e-4, 0.1)[1] == pytest.approx(0.1 * plain, rel=1e-6)
 
@@ -35,7 +35,7 @@ def test_a_drag_on_beads_of_two_sizes_may_depend_on_the_size_in_another_way():
     more = bends(named("air_drag"), FITTED, sizes=True)
     assert len(more) == 5
     small, large = (more[2].force(0.0, -1.0, 0.1, radius, 1e-4, 1.0)[1] for radius in (2e-3, 4e-3))
-    assert large == pytest.approx(8 * small)  # once more than the area
+    assert large == pytest.approx(8 * small)  # one power more than the area
 
 
 @pytest.mark.parametrize("effect", library(), ids=lambda effect: effect.name)
@@ -49,7 +49,7 @@ def test_variations_of_a_law_are_linear_in_their_coefficient_and_effects_on_the_
 
 
 def test_a_share_of_a_strong_first_effect_is_required_only_where_its_law_may_leave_residuals(monkeypatch):
-    """Beside 1e9 gained, 100 is a small share: it counts where the law of the first cannot have left it."""
+    """100 is a small share of a gain of 1e9: it counts only where the law of the first effect cannot leave it."""
     search = _Search(SimpleNamespace(lab=SimpleNamespace(rig="pendulum")), None, 1.0)
     fitted = SimpleNamespace(unknowns=(), std=lambda name: 1.0, value=lambda name: 0.44)
     drag = Candidate((named("air_drag"),), fitted, 1e9)
@@ -83,7 +83,7 @@ def test_of_equally_good_forms_the_one_without_a_thin_plate_is_named(monkeypatch
 
 
 def test_a_plain_form_is_fitted_to_convergence_before_it_is_rejected():
-    """It seemed 5 behind and is 12 ahead: then the thin plate, and a drag as good as that, no longer do as well."""
+    """After convergence a lag of 5 becomes a lead of 12, so the thin plate and an equal drag no longer fit as well."""
     plate, rough, fine, drag = (
         Candidate((named(name),), SimpleNamespace(value=lambda _: 0.5), gain)
         for name, gain in (
@@ -131,7 +131,7 @@ def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_reported()
     [(2, 0.1, False), (3, 0.1, False), (2, 0.15, False), (15, 0.03, False), (15, 0.03, True)],
 )
 def test_frictions_of_three_sizes_are_tied_only_where_the_data_determine_them(repetitions, scatter, lever):
-    """Equal ones are no lever arm, however few and scattered the repetitions; those that go with 1/d are one."""
+    """Equal coefficients are no lever arm, even with few scattered repetitions; those proportional to 1/d are one."""
     rng = np.random.default_rng(3)
     sizes, draws, found = np.array([1.0, 1.25, 1.5]), 200, 0
     for _ in range(draws):
@@ -145,7 +145,7 @@ def test_frictions_of_three_sizes_are_tied_only_where_the_data_determine_them(re
 
 
 def test_frictions_with_a_common_uncertainty_gain_from_tying():
-    """An incline that is not quite as stated moves all of them alike: what is known of their ratios counts."""
+    """An angle error shifts all coefficients equally: the knowledge of their ratios counts."""
     apart, shared = 1e-4 * np.eye(3), 0.01 * np.ones((3, 3))
     alone = SimpleNamespace(index=int, covariance=apart + 0.01 * np.eye(3), values=np.ones(3))
     alike = SimpleNamespace(index=int, covariance=apart + shared, values=np.ones(3))

@@ -234,7 +234,7 @@ def test_a_diameter_error_is_found_and_not_attributed_to_the_camera(tmp_path):
 
 
 def verdict_on(lab, *names):
-    """The diagnosis among a few effects; the whole library is asked in benchmarks/diagnose/verdicts.py."""
+    """Diagnosis with a few effects; benchmarks/diagnose/verdicts.py uses the whole library."""
     return diagnose(read_tracked_lab(lab), listed=[named(name) for name in names])
 
 
@@ -250,7 +250,7 @@ def test_a_lab_without_an_effect_has_the_verdict_none(tmp_path):
     assert diagnosis.verdict == "none"
     assert json.loads(files["diagnosis.json"].read_text())["effects"] == []
     assert "smallest effects" in diagnosis.next_experiment
-    # six short tracks tell their own noise to about 5 %, twice that in its square
+    # six short tracks determine their noise to about 5 %, its square to twice that
     assert diagnosis.gap.before == pytest.approx(diagnosis.gap.noise_floor, abs=0.15)
 
 
@@ -346,7 +346,7 @@ def test_an_unlisted_force_across_the_speed_is_reported_as_a_formula(lifted, mon
 
 
 def without_a_solution(monkeypatch, of):
-    """Let the equations of some formulas have no solution."""
+    """Make the equations of some formulas singular."""
 
     def fit_or_fail(bench, terms=(), **how):
         if of(terms):
@@ -365,7 +365,7 @@ def test_where_no_formula_can_be_fitted_the_verdict_stands_without_one(lifted, m
 
 
 def unnamed(folder):
-    """The lab's bench, and what is known of it before any effect is tried."""
+    """The lab's bench, and the naming before any effect is tried."""
     bench = bench_of(read_tracked_lab(folder))
     base = fit(bench)
     location = locate(bench, base)
@@ -396,7 +396,7 @@ def test_the_choice_of_a_formula_does_not_depend_on_held_out_data(tmp_path):
         chosen.append(formula._chosen(formula._ground(bench, bench.lab, naming), silent))
     assert chosen[0].names == chosen[1].names == ("form:v_cross",)
     found = [one.fitted.value("form:v_cross.c") for one in chosen]
-    assert found[0] == pytest.approx(found[1], rel=1e-2)  # the tracks' own noise is that of them all
+    assert found[0] == pytest.approx(found[1], rel=1e-2)  # the noise is estimated from all tracks
 
 
 def test_a_formula_of_the_first_repetitions_alone_is_no_law(tmp_path):
@@ -727,7 +727,7 @@ def test_an_outlier_and_the_rows_after_a_lost_frame_are_left_out_and_reported(tm
         rows[60, 1] += 0.02
         return rows
 
-    def frames_lost(rows):  # in the first rebound, and the later rows keep on counting as if none had been
+    def frames_lost(rows):  # in the first rebound; the later rows are numbered as if none were lost
         return np.column_stack([rows[: len(rows) - 6, 0], np.delete(rows, np.s_[110:116], axis=0)[:, 1:]])
 
     change_rows(folder / "heavy_600" / "rep01.csv", off_the_path)
@@ -861,7 +861,7 @@ def test_with_one_repetition_of_each_condition_the_page_says_that_nothing_was_te
 
 
 def test_an_effect_that_gains_nothing_closes_nothing_of_a_gap_in_restitution(tmp_path):
-    """The baseline's scatter between impacts has taken up part of the gap; all models are held against one scatter."""
+    """The baseline's impact scatter has absorbed part of the gap; all models are judged with one scatter."""
     lab = read_tracked_lab(write_drops(tmp_path / "lab", 4, exponent=0.1))
     bench = bench_of(lab)
     base = fit(bench, rounds=6)

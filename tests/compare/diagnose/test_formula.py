@@ -51,7 +51,7 @@ def test_a_bead_that_falls_through_a_draught_gains_its_push_times_the_time_in_it
 
 
 def fallen(place, low, top, *, finer=1, push=0.4, speed=0.0):
-    """The sideways speed at landing behind a draught between two heights."""
+    """Horizontal speed at landing after a draught between two heights."""
     draught = SHAPES["drop form:band_sideways"].effect
     start = np.zeros((1, 1, 1))
     values = {f"{draught.name}.{n}": np.array([v]) for n, v in (("c", push), ("low", low), ("high", top))}
@@ -99,7 +99,7 @@ def test_a_bob_driven_in_time_swings_as_computed_by_scipy():
     ("change", "holds"),
     [
         ({}, True),
-        ({"held_out_after": 2.5}, False),  # closes 62 % of what it was not fitted to
+        ({"held_out_after": 2.5}, False),  # closes 62 % of the gap on held-out data
         ({"held_out_before": 2000.0, "held_out_after": 250.0}, False),  # closes 88 %, and is off by 16 times the noise
         ({"held_out_before": 2000.0, "held_out_after": 5.0}, True),
         ({"condition_after": 12.0}, False),  # and this widens the gap of the condition held out
@@ -173,8 +173,8 @@ def test_a_term_that_may_be_zero_or_has_no_shape_is_refused(name, numbers, good)
     ("deviances", "per_row", "kept"),
     [
         ((500.0, 510.0), 1.0, [0, 1]),  # a near tie goes on to all data
-        ((500.0, 540.0), 1.0, [0]),  # odds of e^20 to one
-        ((500.0, 540.0), 5.0, [0, 1]),  # ... which they are not where the best leaves five times the noise
+        ((500.0, 540.0), 1.0, [0]),  # the odds are e^20 to one
+        ((500.0, 540.0), 5.0, [0, 1]),  # not significant where the best leaves five times the noise
         ((980.0, 999.0), 1.0, [0]),  # 4 of all data for the 11 that the search on the grid costs
         ((990.0, 997.0), 1.0, [0, 1]),  # 12 of all data
         ((1001.0, 1002.0), 1.0, []),

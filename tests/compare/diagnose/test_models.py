@@ -86,7 +86,7 @@ def test_dry_friction_takes_the_same_angle_from_every_swing():
 
 
 def hung_free(start: float, moment: float, times: np.ndarray):
-    """Angles [rad] of a bob that has dry friction and nothing to strike, stepped and from turn to turn."""
+    """Angles [rad] of a free bob with dry friction, integrated in steps and from turn to turn."""
     length, mass, far = np.array([[0.25]]), np.array([2e-4]), np.array([[3.0]])
     values = {"pivot_friction.moment": np.array([moment])}
     push, omega = pushing(length, mass, np.array([3e-3]), G, values, (named("pivot_friction"),))
@@ -265,7 +265,7 @@ def test_the_stated_properties_of_a_plate_are_not_fitted_and_are_assumed_where_n
 
 
 def struck(length, release, seconds, rng):
-    """A bob against an upright wall through its pivot that strikes with e = 0.7 v^(-0.1), filmed; and its impacts."""
+    """A filmed bob that hits a vertical wall below its pivot with e = 0.7 v^(-0.1), and its impacts."""
 
     def swing(_t, s):
         return [s[1], -G / length * math.sin(s[0])]
@@ -341,7 +341,7 @@ def test_an_effect_of_the_user_is_a_candidate(tmp_path):
     )
     wind = own_effect(path)
     assert wind.name == "wind"
-    assert wind.aimed  # it blows to one side, however a bead moves
+    assert wind.aimed  # it acts to one side for any motion of the bead
 
 
 def lifts_one_way(vx, vy, gap, radius, mass, c):

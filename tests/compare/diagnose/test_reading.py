@@ -50,7 +50,7 @@ def write_lab(folder: Path, rig: str, settings, tracks, **more) -> Path:
 
 
 def change(folder: Path, entries, *, new=False) -> Path:
-    """Some entries of the lab.json, written anew."""
+    """Change some entries of the lab.json."""
     file = folder / "lab.json"
     file.write_text(json.dumps(({} if new else json.loads(file.read_text())) | entries))
     return folder
@@ -62,7 +62,7 @@ def condition(folder: Path, **entries) -> Path:
 
 @pytest.fixture
 def doubles(tmp_path):
-    """Five repetitions of two beads, A let go on the left, filmed until shortly after the first contact."""
+    """Five repetitions of two beads, A released on the left, filmed until shortly after the first contact."""
     rng = np.random.default_rng(7)
     time, begin, e = np.arange(0, 0.5, 1 / 240), 0.04, 0.6
     quarter = solve_ivp(
@@ -106,7 +106,7 @@ def drops(tmp_path):
 
 @pytest.fixture
 def pendulums(tmp_path):
-    """Five free pendulums, let go at 25 degrees."""
+    """Five free pendulums, released at 25 degrees."""
     rng = np.random.default_rng(9)
     time = np.arange(0, 2, 1 / 120)
     angle = swing(math.radians(25), 0.0, np.maximum(time - 0.03, 0.0))

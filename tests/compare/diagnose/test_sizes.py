@@ -16,7 +16,7 @@ from rigtwin.sim.effects import named
     [(10160, 127), pytest.param((10161, 318), marks=pytest.mark.slow), pytest.param((11,), marks=pytest.mark.slow)],
 )
 def test_pivot_friction_beside_drag_is_found_with_slightly_wrong_diameters(seed, tmp_path):
-    """The pivot's share was off by three of its deviations and more where bobs of two sizes had the stated ones."""
+    """With fixed stated diameters of two sizes the share of the pivot was off by three standard deviations or more."""
     truth = write(Case("pair", "pendulum", ("air_drag", "pivot_friction"), "moderate"), "lab", seed, tmp_path)
     bench = bench_of(read_tracked_lab(tmp_path / "labs" / "lab"))
     law = "air_drag_schiller_naumann" if "c_D" in truth["parameters"] else "air_drag"
@@ -26,7 +26,7 @@ def test_pivot_friction_beside_drag_is_found_with_slightly_wrong_diameters(seed,
 
 
 def test_another_plate_separates_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
-    """From one plate they look alike; the proposed experiment, carried out on the drawn bench, names the plate."""
+    """One plate cannot separate them; the proposed experiment, simulated here, names the plate."""
     case = Case("single", "drop", ("plate_compliance",), "moderate")
     write(case, "lab", (10250, 66), tmp_path, narrowed=True)
     alike = diagnose(read_tracked_lab(tmp_path / "labs" / "lab"))
@@ -62,7 +62,7 @@ def test_two_plates_of_one_material_separate_bending_of_the_plate_from_losses_in
 
 
 def test_plates_of_different_stated_materials_are_not_tied(tmp_path):
-    """A density that is off by a millionth changes nothing but what is known: how lively either is then is free."""
+    """A density that differs by a millionth unties the restitutions of the two plates and changes nothing else."""
     lab = with_half_the_thickness("plate_compliance", (10600, 10), tmp_path)
     document = json.loads((lab / "lab.json").read_text())
     next(iter(document["walls"].values()))["density_kg_m3"] *= 1 + 1e-6

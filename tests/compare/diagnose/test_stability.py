@@ -11,7 +11,7 @@ CONDITION = np.repeat([0, 1], 6)
 
 
 def fitted(effect: str, shares: list[float]) -> Fit:
-    """A fit of which only the shares of the repetitions in its deviance are known."""
+    """A fit with only the shares of the repetitions in its deviance."""
     nothing = np.zeros(0)
     return Fit(
         terms=(named(effect),) if effect else (), unknowns=(), values=nothing, local=np.zeros((12, 0)), scatter=nothing,

@@ -187,7 +187,7 @@ def test_the_digits_of_a_number_follow_from_its_scatter():
 def test_a_swept_bed_is_judged_by_its_absolute_deviation(tmp_path):
     cells = plan([4], quick=False, repetitions=None, seed=1).cells
     assert len(cells) == 56
-    # beds that are as far off as the paper's, some too low
+    # beds with the absolute deviations of the paper, some too low
     results = {
         cell.runs[0]: {"bead_tops_height_mm": 184.0 * (1 + (-1) ** k * cell.paper_dem / 100)}
         for k, cell in enumerate(cells[:20])
@@ -309,7 +309,7 @@ def test_a_bed_that_spills_is_poured_again_into_a_higher_cylinder(monkeypatch):
 
 
 def test_a_repeated_experiment_is_as_often_that_near_as_random_runs():
-    """Ten runs, their mean and standard deviation, and what further runs do: drawn from one normal distribution."""
+    """Ten runs, their mean and standard deviation, and further runs, all drawn from one normal distribution."""
     random = np.random.default_rng(3)
     for runs in (1, 10):
         first, more = random.normal(size=(40_000, 10)), random.normal(size=(40_000, runs)).mean(1)
@@ -358,7 +358,7 @@ def test_a_study_shows_mean_and_scatter_of_the_piles_that_are_there(tmp_path):
 
 
 def keep_heaps(folder: Path, study: str, angles, places=None):
-    """One finished heap for each point of a study, or for its first `places` alone."""
+    """One finished pile for each point of a study, or for its first `places` alone."""
     (folder / "runs").mkdir(exist_ok=True)
     heaps, _ = studies([study], seed=1, quick=True)
     for one, angle in zip(heaps[:places], angles, strict=False):
@@ -490,7 +490,7 @@ def test_a_cell_whose_run_moved_or_lost_particles_is_marked_wherever_it_is_shown
     document = json.loads((tmp_path / "cells.json").read_text())
     assert [row["doubtful"] for row in document["cells"]] == [why] * 4
     (score,) = document["scores"]
-    assert (score["doubtful"], score["rank_correlation"]) == (4 if why else 0, None)  # all alike have no ranks
+    assert (score["doubtful"], score["rank_correlation"]) == (4 if why else 0, None)  # equal values have no ranks
     assert ("4 doubtful" in (tmp_path / "reproduction.md").read_text()) == bool(why)
     assert (tmp_path / "reproduction.md").read_text().count(f"| {why} |\n") >= 4
     assert (tmp_path / "report.html").read_text().count(f">{why}</td>") >= 4
@@ -560,11 +560,11 @@ def test_a_kept_run_of_another_particle_contact_or_rig_is_not_used(table, name, 
     inner = document["inputs"]
     for step in way:
         inner = inner[step]
-    inner[last] *= 1 + 1e-9  # as another machine rounds
+    inner[last] *= 1 + 1e-9  # rounding differs between machines
     assert read(json.dumps(document))
     inner[last] = other
     assert not read(json.dumps(document))
-    del document["inputs"]  # of before they were kept
+    del document["inputs"]  # records from before inputs were kept
     assert read(json.dumps(document))
 
 
