@@ -125,8 +125,8 @@ class PileEntry(ManyBodyEntry[PileSettings]):
             if view.suffix.lower() != ".csv":
                 raise BadInput(
                     f"{view}: a photo from outside does not show the crater of an emptied container; give a CSV file "
-                    "of its surface in a section through the axis as x_m,height_m, with both halves set back to back: x "
-                    "from the wall (0) to the edges of the hole."
+                    "of its surface in a section through the axis as x_m,height_m, with both halves set back to back: "
+                    "x from the wall (0) to the edges of the hole."
                 )
 
     def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:

@@ -179,5 +179,4 @@ def measure(
         return result
     from rigtwin.measure.hopper.figures import write_pictures
 
-    files = write_pictures(out, result, video, seen, left, edges, scale, progress)
-    return replace(result, files=files)
+    return replace(result, files=write_pictures(out, result, video, seen, left, edges, scale, progress))

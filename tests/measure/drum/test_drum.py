@@ -298,7 +298,7 @@ def test_a_camera_turned_by_more_than_a_stand_allows_is_corrected_and_doubtful(t
     angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
     assert found.camera["camera_roll_deg"] == pytest.approx(roll, abs=0.4)
     assert angle.value == pytest.approx(30.0, abs=0.8)
-    assert "as none on a stand is" in angle.doubtful
+    assert "unusually large for a camera on a stand" in angle.doubtful
     assert not find(measured(tmp_path / "drum.mp4", roll=math.radians(roll)), drum.GRAPHICAL).doubtful
 
 
@@ -309,7 +309,7 @@ def test_a_roll_that_nothing_shows_is_in_the_uncertainty(tmp_path: Path, roll: f
     angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
     assert abs(angle.value - 30.0) < 3 * float(angle.detail["std_uncertainty_of_this_clip"])
     assert max(angle.budget, key=lambda part: angle.budget[part]) == "camera roll, not measured"
-    assert any("give --camera-roll, 0deg where" in warning for warning in found.warnings)
+    assert any("Give --camera-roll (0deg if" in warning for warning in found.warnings)
     assert not angle.doubtful
 
 

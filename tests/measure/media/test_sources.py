@@ -90,7 +90,7 @@ def test_twelve_bits_of_a_grey_video_and_of_a_photo_fill_the_grey_levels(tmp_pat
     cv2.imwrite(str(tmp_path / "deep.png"), deep)
     photo, odd = read_photo(tmp_path / "deep.png")
     np.testing.assert_array_equal(photo[..., 0], deep >> 4)
-    assert "12 bits" in odd[0]
+    assert "12-bit photo" in odd[0]
     assert "16 times brighter" in odd[0]
 
 

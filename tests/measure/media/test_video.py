@@ -11,7 +11,7 @@ import pytest
 from rigtwin.lab.camera import Camera, Moment, known_length
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, UnreadableMedia
-from rigtwin.measure.media import sources
+from rigtwin.measure.media import video_file
 from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.media.video import open_video
 
@@ -52,7 +52,7 @@ def test_frames_come_in_order_with_their_picture_and_time(tmp_path):
 
 @pytest.mark.parametrize("kept", [10**9, 1, 20000])  # cache holds all, none, the first few pictures
 def test_any_part_of_a_video_is_read_the_same_with_and_without_cache(tmp_path, monkeypatch, kept):
-    monkeypatch.setattr(sources, "KEPT", kept)
+    monkeypatch.setattr(video_file, "KEPT", kept)
     stamps = [round(k * 1000 / 25) for k in range(40)]
     video = open_video(write_clip(tmp_path / "clip.mp4", stamps, rate=25, group=2), Camera(frame_rate=25.0))
     for first, last in ((0, 39), (13, 22), (13, 22), (38, 39), (6, 6)):
@@ -70,7 +70,7 @@ def test_any_part_of_a_video_is_read_the_same_with_and_without_cache(tmp_path, m
 
 
 def test_damage_is_reported_at_its_place_even_if_only_a_few_pictures_are_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(sources, "KEPT", 0)
+    monkeypatch.setattr(video_file, "KEPT", 0)
     clip = write_clip(tmp_path / "clip.mp4", [40 * k for k in range(40)], rate=25, group=10)
     with av.open(str(clip)) as container:
         packets = sorted((packet.pts, packet.pos, packet.size) for packet in container.demux(video=0) if packet.size)
