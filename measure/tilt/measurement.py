@@ -47,8 +47,7 @@ def measure(
     clip : Path
         Video or stack of images, seen from the side.
     camera : Camera
-        Frame rate, scale, roll and search region, as far as known.  Without a roll the base plate under the arm is
-        taken to be level.
+        Frame rate, scale and roll, as far as known.  Without a roll the base plate under the arm is taken to be level.
     variant : {"slide", "roll"}
         Kind of motion.
     bead_diameter : float, optional
