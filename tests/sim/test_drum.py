@@ -208,7 +208,7 @@ def test_beads_too_few_to_count_their_mixing_have_no_index():
     assert math.isnan(lacey(np.array([[0.5, 0.0, 0.0]] * 4), np.arange(4) < 2, 1.0))
     made = turned(count=4, turns=0.05)
     assert math.isnan(made.mixing.value[-1])
-    assert any("mixing cannot be counted" in warning for warning in made.warnings)
+    assert any("no two cells hold enough beads for a mixing index" in warning for warning in made.warnings)
 
 
 def test_a_bed_that_was_given_no_time_to_rest_is_told_with_the_option_that_gives_it():
@@ -242,7 +242,7 @@ def test_a_fill_that_is_judged_is_told_to_where_its_limit_shows(share, told):
         (Drum(0.07, 0.0), {}, "must turn"),
         (Drum(0.07, 1.0, fill=1.5), {}, "fill"),
         (RIG, {"turns": 0.0}, "turns"),
-        (RIG, {"count": 5000}, "do not fit"),
+        (RIG, {"count": 5000}, "beads fill .* of the drum, more than 90%"),
     ],
 )
 def test_a_drum_that_cannot_be_is_refused(rig, more, message):
