@@ -259,9 +259,9 @@ def contact_forces(
     `normal` points from i to j.  `velocity` [m/s] is the velocity of i's surface relative to j's at the contact, in the
     middle of the previous step.  `slip` [m] and `roll` [rad] are the stored histories.
 
-    Stiffnesses S_n = 2 E* sqrt(R* d) and S_t = 8 G* sqrt(R* d); spring 2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*) v;
-    no tension; |F_t| <= mu F_n (Hlosta et al. 2020, eqs 1 and 2, with the velocity outside the root).  The linear law
-    has constant stiffnesses and dashpots 2 psi sqrt(S m*) instead; the rest is the same.
+    Stiffnesses S_n = 2 E* sqrt(R* d) and S_t = 8 G* sqrt(R* d); spring 2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*)
+    v; no tension; |F_t| <= mu F_n (Hlosta et al. 2020, eqs 1 and 2, with the velocity outside the root).  The linear
+    law has constant stiffnesses and dashpots 2 psi sqrt(S m*) instead; the rest is the same.
 
     A dashpot with the mid-step velocity dissipates too much energy, one that solves for the velocity at the end of the
     step too little.  Half of that correction (LAG) reproduces the restitution to 0.5 % on average, even if a contact
@@ -311,7 +311,7 @@ def contact_forces(
     if ti.static(mechanics.constant_torque):
         grip = constants[ROLLS] * push
     elif constants[ROLLS] > 0.0:
-        # the spring resists rolling only; the dashpot also resists twisting, or beads in a pile at rest would keep spinning
+        # the spring resists rolling only, the dashpot also twisting, or beads in a pile at rest would keep spinning
         rate = spin_i - spin_j
         rolling_radius = constants[ROLLING_RADIUS]
         stiff_r = stiff_t * rolling_radius * rolling_radius

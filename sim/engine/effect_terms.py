@@ -232,7 +232,7 @@ class Terms:
 
     @ti.func
     def on_thread(self, velocity, arm, length, mass, up, copy=0):
-        """Force [N] on a sphere suspended from a pivot in direction -`arm` (unit vector), from torques about the pivot."""
+        """Force [N] on a sphere suspended from a pivot at -`arm` (unit vector), from torques about the pivot."""
         across = velocity - velocity.dot(up) * up
         total = ti.Vector([0.0, 0.0, 0.0])
         for k in ti.static(range(len(self.torques))):

@@ -449,7 +449,7 @@ class Bulk:
 
     @property
     def _longest_step(self) -> float:
-        """Largest displacement in a step [m]; with larger ones contacts would be missed and the energy would diverge."""
+        """Largest displacement in a step [m]; with larger ones contacts would be missed and the energy diverge."""
         return STEP_IN_RADII * min(min(particle.radii) for particle in self._particles)
 
     def _check_walls_step(self, motion: Array) -> None:

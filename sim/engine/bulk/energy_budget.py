@@ -101,7 +101,7 @@ class _Books:
 
 
 def _books(law: Array, radius: Array, mass: Array, overlap: Array, linear: bool, adhesion: Adhesion | None) -> _Books:
-    """Depths and energies of contacts with effective radii and masses; separated ones count only if adhesion holds them."""
+    """Depths and energies of contacts with effective radii and masses; separated ones count if adhesion holds them."""
     held = overlap > 0
     if adhesion is not None:
         held |= adhesion.holds(overlap, radius, law[..., STIFFNESS])

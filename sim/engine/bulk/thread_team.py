@@ -19,8 +19,8 @@ from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.walls.wall_contacts import THREADS
 
 LINE = 32  # numbers in a thread's row, so that two threads never share a cache line
-# columns: polls while waiting, since last read; parts of steps finished; step after which the list must be rebuilt; step
-# after which the thread had waited too long
+# columns: polls while waiting, since last read; parts of steps finished; step after which the list must be rebuilt;
+# step after which the thread had waited too long
 WAITED, PARTS, LEFT_AT, LATE_AT = range(4)
 GATHERED, DISBANDED = 1, 2
 UNTIL_GATHERED = 200_000  # polls of another thread, after which the team is given up
@@ -71,12 +71,12 @@ class Team:
 
     @ti.func
     def tell(self, w):
-        """Signal that thread `w` has finished a part of a step; its writes are visible to threads that see the signal."""
+        """Signal that thread `w` has finished a part of a step; its writes are visible to threads that see it."""
         ti.atomic_add(self.desk[w, PARTS], 1)
 
     @ti.func
     def wait(self, begin, end, parts):
-        """Wait until threads `begin` to `end` - 1 have finished more than `parts` parts; returns the polls without success."""
+        """Wait until threads `begin` to `end` - 1 have finished over `parts` parts; returns the polls without success."""
         looks = 0
         for v in range(begin, end):
             while ti.atomic_add(self.desk[v, PARTS], 0) <= parts:
