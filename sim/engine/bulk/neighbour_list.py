@@ -2,8 +2,8 @@
 
 Beads are renumbered in cell order at each build of the list, so that neighbours are close in memory; a pair is owned by
 its bead with the lower number.  Several threads each list the neighbours of a part of the beads in a part of the
-memory; the parts are then joined, so that the list does not depend on the number of threads.  If something does not fit,
-the current list is left unchanged.
+memory; the parts are then joined, so that the list does not depend on the number of threads.  If something does not
+fit, the current list is left unchanged.
 """
 
 from rigtwin.sim.engine.backend import ti
@@ -229,7 +229,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def list_pointed(self, kept):
-        """Set the owners of pairs, and for every bead the storage for forces of pairs that other beads own, in list order."""
+        """Set the owners of pairs, and the storage for the forces on each bead from pairs that others own, in list order."""
         live = self.counts[LIVE_LIST]
         for i in range(kept + 1):
             self.pointed_first[i] = 0
@@ -262,7 +262,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def parts_fit(self, parts):
-        """1 if all parts of the next list had room; otherwise sets STATUS (memory full) or WHOLE (build without parts)."""
+        """1 if all parts of the next list had room; else sets STATUS (memory full) or WHOLE (build without parts)."""
         pairs, near, fits = 0, 0, 1
         for part in range(parts):
             own, own_near = self.listed[part, 0], self.listed[part, 1]

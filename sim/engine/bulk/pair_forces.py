@@ -280,7 +280,7 @@ class Pairs:
 
     @ti.func
     def deliver(self, live, chunk, count, own, stop):
-        """Add forces to the beads and store the histories; beads `own` to `stop` - 1 get forces from this thread only."""
+        """Add forces to beads and store histories; beads `own` to `stop` - 1 get forces from this thread only."""
         room = chunk * STRIDE
         deepest = 0.0
         for k in range(room, room + count):
@@ -321,7 +321,7 @@ class Pairs:
 
     @ti.func
     def hand_to_other(self, live, p, j, on_j, on_both, grip, alone):
-        """Add the force of pair `p` to its other bead `j`, or store it for collection if other threads may write there."""
+        """Add the force of pair `p` to its other bead `j`, or store it there if other threads may write to `taken`."""
         if alone:
             taken = self.taken[j]
             for c in ti.static(range(4)):

@@ -263,7 +263,7 @@ class RigidBodies:
             i = self.member[k]
             arm = self.arm[i]
             position = middle + after @ arm
-            # velocity of the bead's actual displacement in the step, so that the slip of a contact is that of its surfaces
+            # mean velocity of the bead in the step, so that the slip of a contact is the displacement of its surfaces
             drift = velocity + rate @ arm
             moved = 0.0
             for c in ti.static(range(3)):

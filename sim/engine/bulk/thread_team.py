@@ -71,12 +71,12 @@ class Team:
 
     @ti.func
     def tell(self, w):
-        """Signal that thread `w` has finished a part of a step; its writes are visible to threads that see it."""
+        """Signal that thread `w` has finished a part of a step; its writes are then visible to the others."""
         ti.atomic_add(self.desk[w, PARTS], 1)
 
     @ti.func
     def wait(self, begin, end, parts):
-        """Wait until threads `begin` to `end` - 1 have finished over `parts` parts; returns the polls without success."""
+        """Wait until threads `begin` to `end` - 1 have finished over `parts` parts; returns the number of polls."""
         looks = 0
         for v in range(begin, end):
             while ti.atomic_add(self.desk[v, PARTS], 0) <= parts:

@@ -1,8 +1,8 @@
 """Fields and kernels for many small simulations (copies), each a serial loop, all in one launch.
 
 Bodies, pairs and walls of all copies are stored one after another in the same fields; each copy has the indices of its
-first ones.  A thread takes the next copy when it becomes free.  The result of a copy depends on its own numbers only, so
-it is the same to the bit whatever other copies run.  The data of each copy begin on a new cache line, so that no two
+first ones.  A thread takes the next copy when it becomes free.  The result of a copy depends on its own numbers only,
+so it is the same to the bit whatever other copies run.  The data of each copy begin on a new cache line, so that no two
 threads write to the same line.
 """
 

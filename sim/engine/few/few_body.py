@@ -346,7 +346,7 @@ def _check(
         )
     if (count := sum(len(wall.shape.rows) for wall in walls)) > ELEMENTS:
         raise BadInput(
-            f"walls: they consist of {count} parts; this engine takes {ELEMENTS}, use the bulk engine for larger meshes."
+            f"walls: they have {count} parts; this engine takes {ELEMENTS}, use the bulk engine for larger meshes."
         )
     for body in bodies:
         if body.particle.shape is not None:

@@ -311,7 +311,7 @@ class WallContacts:
 
     @ti.func
     def tell_apart(self, live, i, radius):
-        """Leave out the contacts that do not stand out of the tangent plane of a nearer one."""
+        """Discard contacts that do not lie in front of the tangent plane of a nearer one."""
         for q in range(self.first[live, i], self.first[live, i + 1]):
             if self.mark[q] == HOLDS or self.touching[live, q] == 1:
                 one = self.facing[q]
