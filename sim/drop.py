@@ -1,6 +1,6 @@
-"""The twin of the drop test: a bead falls on a plate and bounces (Hlosta et al. 2020, fig. 3b).
+"""Simulation of the drop test: a sphere falls on a plate and bounces (Hlosta et al. 2020, fig. 3b).
 
-What is no sphere leaves the plate sideways, with a spin: see `rigtwin.sim.drop_clump`.
+Clumps rebound sideways and with spin: see `rigtwin.sim.drop_clump`.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from rigtwin.sim.run.trials import FRAMES_AT_REST, Release, each, film, released
 
 @dataclass(frozen=True)
 class Trial:
-    """One drop: what falls on what, and how it is filmed."""
+    """One drop: bodies, contact, and settings of the camera."""
 
     rig: Drop
     particle: Particle
     wall: Material
     contact: Contact
     frame_rate: float  # [1/s]
-    duration: float | None = None  # [s]; None: until the last of the rig's bounces is over
+    duration: float | None = None  # [s]; None: until the last of `rig.bounces` is over
     effects: Effects = field(default_factory=lambda: NO_EFFECTS)
 
 
@@ -45,12 +45,47 @@ def run(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Track:
-    """Path of the bead, sampled as a camera of `frame_rate` [1/s] would.
+    """Simulate one drop and return the path of the bead, sampled by a camera.
 
-    y is the height of the bead's centre above the plate; it starts at rest at drop height + radius and is let go
-    after five frames.  Without `duration` [s] the track ends as the bead comes down from the last of `rig.bounces`.
-    The stiffness is the real one; the step in contact is halved until the track no longer moves.  `effects` are those
-    of a model by name, with their parameters.
+    Parameters
+    ----------
+    rig : Drop
+        Drop height [m] and number of bounces.
+    particle : Particle
+        The bead, a sphere; a clump is treated as a sphere (use `rigtwin.sim.drop_clump.run`).
+    wall : Material
+        Material of the plate.
+    contact : Contact
+        Coefficients of the contact of bead and plate.
+    frame_rate : float
+        Frames per second [1/s].
+    duration : float, optional
+        Length of the record [s].  Default: until the bead comes down from the last of `rig.bounces`.
+    effects : Effects
+        Effects of a model by name, with their parameters.
+    progress : Progress
+        Callback for the progress display.
+
+    Returns
+    -------
+    Track
+        Horizontal position and height of the bead's centre above the plate [m], one row per frame.  The bead is at
+        rest at drop height + radius for five frames and is then released.
+
+    Raises
+    ------
+    BadInput
+        If a setting is not positive, `rig.turned` is given for a sphere, or the record has too many frames.
+    SimulationFailed
+        If the simulation breaks down.
+
+    Notes
+    -----
+    Young's moduli are not softened.  The time step in contact is halved until the track changes by less than 1 um.
+
+    References
+    ----------
+    Hlosta et al. 2020, fig. 3b.
     """
     from rigtwin.sim.engine.few.few_body import the_one
 
@@ -60,9 +95,9 @@ def run(
 def run_many(
     trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
 ) -> list[Track | RigtwinError]:
-    """The paths of many beads, each as `run` gives it, in one launch over `threads` (None: all cores).
+    """Paths of many beads, each as `run` returns it, in one launch over `threads` (None: all cores).
 
-    In the place of a trial that breaks down stands the error that says so.
+    The result of a trial that breaks down is its error.
     """
     seen = film(list(each(trials, Trial, _release)), threads=threads, progress=progress)
     return [
@@ -72,16 +107,18 @@ def run_many(
 
 
 def check(trial: Trial) -> None:
-    """Raises `BadInput` where `run` would refuse this trial, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse this trial, without simulating."""
     _frames(trial)
 
 
 def _frames(trial: Trial) -> Array:
-    """[s], when the camera looks."""
+    """Times of the frames [s]."""
     rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
     positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
     if rig.turned is not None and trial.particle.shape is None:
-        raise BadInput(f"turned: {trial.particle.name} is a sphere, which falls alike in any turn; leave it out.")
+        raise BadInput(
+            f"turned: {trial.particle.name} is a sphere, for which an orientation has no meaning; leave it out."
+        )
     if duration is None:
         duration = FRAMES_AT_REST / frame_rate + _flight_time(rig, trial.contact.restitution) - 0.5 / frame_rate
     positive(duration=duration)

@@ -1,7 +1,7 @@
-"""A clump falls on a plate: where it leaves to hangs on how it is turned, and it takes spin along.
+"""Simulation of the drop test with a clump: its rebound depends on its orientation, and it leaves with spin.
 
-Its centre is seen from the front and from the side, so that the rebound is known in all directions, as Hlosta et al.
-2020 ask in section 3.2 of particles that are no spheres.
+Its centre is recorded from the front and from the side, so that the rebound is known in three dimensions, as Hlosta
+et al. 2020, section 3.2, ask for non-spherical particles.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA
 
 STEP = 0.1  # of Rayleigh's time step
-SHORTEST = 6  # frames of a flight that can be read; the record ends before shorter ones
-LOWEST = 0.006  # of the drop height, that a body rises in a flight that can be read
-LASTS = 6e-3  # [s], that a bounce lasts at most: edge after edge; or five frames, where these are longer
-LOOK = 10e-3  # [s], between two looks whether the record is over, each of which goes through all of it
-PUSHED = 1e-4  # [m/s], from which on a change of velocity is a contact and no rounding
+SHORTEST = 6  # frames of a flight that can be evaluated; the record ends before shorter ones
+LOWEST = 0.006  # rise over drop height of a flight that can be evaluated
+LASTS = 6e-3  # [s], longest bounce, in which one edge hits after another; or five frames, where these are longer
+LOOK = 10e-3  # [s] between two checks for the end of the record; each check evaluates the whole record
+PUSHED = 1e-4  # [m/s], smallest change of velocity that counts as a contact; smaller ones are rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Tumble:
-    """How a clump fell and bounced off."""
+    """Record of a falling and bouncing clump."""
 
     front: Track  # x to the right, y up
     side: Track  # x away from the viewer of `front`, y up
     velocity: Array  # [m/s], shape (k, 3): to the right, away, up
     spin: Array  # [rad/s], shape (k, 3), about the same axes
-    turn: Array  # [1], shape (k, 4), quaternion from the clump's own axes, the real part first
+    turn: Array  # [1], shape (k, 4), quaternion from the clump's own axes, real part first
     lowest: float  # [m], from the centre of mass down to the lowest point as it falls
 
 
@@ -55,11 +55,49 @@ def run(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> Tumble:
-    """Drop a clump, turned by `rig.turned` about the line of sight, clockwise from the front, or at random by `seed`.
+    """Simulate the drop of a clump and return its path, velocity, spin and orientation.
 
-    Heights are those of its centre of mass above the plate; it is let go at rest after five frames, its lowest point
-    at drop height.  Without `duration` [s] the record ends as it comes down from the last of `rig.bounces`, or where
-    no flight that can be read follows, and leaves out the few frames of a bounce.  The stiffness is the real one.
+    Parameters
+    ----------
+    rig : Drop
+        Drop height [m], number of bounces, and the angle `turned` [rad] about the line of sight (clockwise as seen
+        from the front; None: random orientation).
+    particle : Particle
+        The clump.
+    wall : Material
+        Material of the plate.
+    contact : Contact
+        Coefficients of the contact of clump and plate.
+    frame_rate : float
+        Frames per second [1/s].
+    duration : float, optional
+        Length of the record [s].  Default: until the clump comes down from the last of `rig.bounces`, or until the
+        flights become too short to evaluate; the few frames of each bounce are then left out.
+    seed : int
+        Seed of the random orientation.
+    effects : Effects
+        Effects of a model by name, with their parameters.
+    progress : Progress
+        Callback for the progress display.
+
+    Returns
+    -------
+    Tumble
+        Two views of the centre of mass (heights above the plate), velocities, spins and orientations, one row per
+        frame.  The clump is at rest for five frames, its lowest point at drop height, and is then released.
+
+    Raises
+    ------
+    BadInput
+        If a setting is not positive, the particle is a sphere, or the fall lasts too few frames.
+
+    Notes
+    -----
+    Young's moduli are not softened.  The time step is at most 0.1 of Rayleigh's.
+
+    References
+    ----------
+    Hlosta et al. 2020, section 3.2.
     """
     from rigtwin.sim.engine.bulk.bulk import Bulk
     from rigtwin.sim.engine.effect_terms import acting_among
@@ -70,7 +108,7 @@ def run(
     lowest = _lowest(particle, turn)
     interval = 1 / frame_rate
     steps = math.ceil(interval / (STEP * particle.rayleigh_time_step))
-    reach = 2 * rig.drop_height + 4 * particle.diameter  # it flies no further in one bounce, and later ones are shorter
+    reach = 2 * rig.drop_height + 4 * particle.diameter  # longest possible flight; later ones are shorter
     high = rig.drop_height + 2 * particle.diameter
     bulk = Bulk(
         [particle],
@@ -84,7 +122,7 @@ def run(
         skin=1.0,
     )
     bulk.add(np.array([[0.0, 0.0, rig.drop_height + lowest]]), turn=turn[None])
-    longest = math.sqrt(2 * rig.drop_height / GRAVITY) * (1 + 2 * rig.bounces)  # [s], were nothing lost
+    longest = math.sqrt(2 * rig.drop_height / GRAVITY) * (1 + 2 * rig.bounces)  # [s], without energy loss
     most = math.ceil((longest if duration is None else duration) * frame_rate)
     rows: list[Array] = []
     while len(rows) < most:
@@ -104,7 +142,7 @@ def run(
 
 
 def check(rig: Drop, particle: Particle, *, frame_rate: float, duration: float | None = None) -> None:
-    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
     positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
     if duration is not None:
         positive(duration=duration)
@@ -119,7 +157,7 @@ def check(rig: Drop, particle: Particle, *, frame_rate: float, duration: float |
 
 
 def _orientation(turned: float | None, seed: int) -> Array:
-    """As a quaternion, the real part first."""
+    """Orientation as a quaternion, real part first."""
     if turned is not None:
         return np.array([math.cos(turned / 2), 0.0, math.sin(turned / 2), 0.0])
     turn: Array = np.random.default_rng(seed).normal(size=4)
@@ -135,12 +173,12 @@ def _lowest(particle: Particle, turn: Array) -> float:
 
 
 def _flights(velocity: Array, interval: float, drop_height: float) -> list[tuple[int, int]]:
-    """First frame and the one behind the last of the flights that can be read, up to a bounce that lasts too long.
+    """First frame, and one past the last frame, of each flight that can be evaluated, up to a bounce that is too long.
 
-    An edge may hit a moment before another does: what happens within a few frames is one bounce.
+    One edge may hit shortly before another: contacts within a few frames count as one bounce.
     """
     pushed = np.abs(np.diff(velocity, axis=0) - interval * np.array([0.0, 0.0, -GRAVITY])).max(axis=1)
-    contacts = np.flatnonzero(pushed > PUSHED)  # between this frame and the next
+    contacts = np.flatnonzero(pushed > PUSHED)  # between a frame and the next
     found: list[tuple[int, int]] = []
     for start, end in pairwise([0, *(contacts + 1).tolist(), len(velocity)]):
         rise = max(velocity[start, 2], 0.0) ** 2 / (2 * GRAVITY)
@@ -158,7 +196,7 @@ def _lasts(interval: float) -> int:
 
 
 def _over(rows: list[Array], interval: float, rig: Drop) -> bool:
-    """Whether the last wanted flight has ended, or no further one follows."""
+    """Whether the last requested flight has ended, or no further one follows."""
     if len(rows) % max(SHORTEST, math.ceil(LOOK / interval)):
         return False
     flights = _flights(np.array(rows)[:, 3:6], interval, rig.drop_height)
@@ -166,7 +204,7 @@ def _over(rows: list[Array], interval: float, rig: Drop) -> bool:
 
 
 def _seen(rows: Array, shown: npt.NDArray[np.intp], interval: float, lowest: float) -> Tumble:
-    """What a camera sees: the frames before it is let go, and those that are `shown` of the fall."""
+    """The record: the frames before the release, and the `shown` frames of the fall."""
     time = interval * np.array([*range(FRAMES_AT_REST), *(FRAMES_AT_REST + shown)])
     shown = np.pad(shown, (FRAMES_AT_REST, 0))
     sigma = np.full(len(shown), TRACK_SIGMA)
@@ -178,7 +216,7 @@ def _seen(rows: Array, shown: npt.NDArray[np.intp], interval: float, lowest: flo
 
 
 def picture(tumble: Tumble, particle: Particle, *, walls: Array | None = None, flashes: int = 18) -> Image:
-    """The clump on its way from the front, as an open shutter sees it by flashes, later ones darker.
+    """Strobe picture of the clump from the front; later flashes are darker.
 
     `walls` are triangles [m], shape (n, 3, 3), x to the right, y away and z up.
     """

@@ -1,4 +1,4 @@
-"""The twin of the rotating drum: its bed's surface over time, and how beads mix (Hlosta et al. 2020, section 2.2.4)."""
+"""Simulation of the rotating drum: surface of the bed over time, and mixing (Hlosta et al. 2020, section 2.2.4)."""
 
 from __future__ import annotations
 
@@ -30,24 +30,27 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-DEPTH = 0.5  # of the diameter, where the rig does not say
-FULLEST = 0.9  # part of the drum, beyond which nothing turns over
-STEADY_AFTER = 0.25  # turns
-SHALLOWEST, SHORTEST = 3.0, 6.0  # bead diameters, of a bed and of its surface, below which single beads make the angle
-FEWEST_LOOKS = 5  # at the steady bed; the scatter of fewer is known no better than to a third
+DEPTH = 0.5  # depth over diameter, where the rig does not state it
+FULLEST = 0.9  # largest fill (share of the volume); a fuller bed cannot turn over
+STEADY_AFTER = 0.25  # turns until the slope counts as steady
+SHALLOWEST, SHORTEST = (
+    3.0,
+    6.0,
+)  # [bead diameters], least bed height and surface length; below, single beads set the angle
+FEWEST_LOOKS = 5  # samples of the steady bed; the scatter of fewer is known no better than to a third
 
 
 @dataclass(frozen=True)
 class Rotation:
-    """A bed in a turning drum.  x and z from the drum's axis, z up; it turns clockwise: the bed climbs towards -x."""
+    """Result of a run.  x and z from the drum's axis, z up; the drum turns clockwise: the bed climbs towards -x."""
 
     time: Array  # [s], since the drum began to turn, of each profile; the first is that of the bed at rest
     profiles: tuple[Profile, ...]  # the bed's outline, height against the drum's axis
-    steady: Profile  # mean outline once the bed keeps its slope; NaN where it was not always seen
+    steady: Profile  # mean outline of the steady bed; NaN where it is not seen in all samples
     steady_from: float  # [s]
-    mixing: Series  # Lacey's index of the beads that lay low and those that lay high at the start, from 0 on
-    mixed: Mixing  # in the end
-    centres: Array  # [m], shape (n, 3), of the spheres in the end; y along the axis
+    mixing: Series  # Lacey's index of the initially lower and upper half of the bed; starts at 0
+    mixed: Mixing  # at the end
+    centres: Array  # [m], shape (n, 3), of the spheres at the end; y along the axis
     radii: Array  # [m], shape (n,)
     count: int
     turns: float  # of the drum
@@ -72,9 +75,48 @@ def run(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Rotation:
-    """Fill the drum, let the bed rest (at most `fill_limit` [s]), turn it `turns` times, with a look every `interval`.
+    """Fill the drum, let the bed come to rest, and turn the drum.
 
-    `count` beads; None: as many as fill the part `rig.fill` of its volume.  The end walls turn with the drum.
+    Parameters
+    ----------
+    rig : Drum
+        Diameter and depth [m], speed [rad/s] and fill (share of the volume, at bulk density).
+    particle : Particle
+        Sphere or clump.
+    wall : Material
+        Material of the shell and of the end walls, which turn with it.
+    contact, wall_contact : Contact
+        Coefficients of contacts between particles, and of particles with walls.
+    count : int, optional
+        Number of particles.  Default: as many as fill the share `rig.fill`.
+    turns : float
+        Number of revolutions [1].
+    interval : float
+        Time between two samples of the bed [s].
+    seed : int
+        Seed of the random positions and orientations.
+    fill_limit : float
+        Longest wait [s] until the bed rests before the drum turns.
+    progress : Progress
+        Callback for the progress display.
+    **numerics : Numerics
+        Numerical settings, see `rigtwin.sim.run.set_up.Numerics`.
+
+    Returns
+    -------
+    Rotation
+        Outlines of the bed and mixing index over time.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range, the beads do not fit in, or the wall is too fast for the time step.
+    SimulationFailed
+        If the simulation breaks down.
+
+    References
+    ----------
+    Hlosta et al. 2020, section 2.2.4.  The mixing index: Lacey 1954, J. Appl. Chem. 4, 257.
     """
     check(rig, particle, count=count)
     depth, part = _filled_in(rig)
@@ -87,7 +129,7 @@ def run(
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     if (passes := abs(rig.speed) * rig.diameter / 2) >= bench.fastest:
         raise BadInput(
-            f"speed: the drum's wall would pass by at {passes:.3g} m/s, and the time step bears "
+            f"speed: the drum's wall would move at {passes:.3g} m/s, but the time step allows at most "
             f"{bench.fastest:.3g} m/s; turn it more slowly."
         )
     bulk = bench.bulk(_shapes(rig, depth), _domain(rig, depth, particle), open_domain=False)
@@ -129,7 +171,7 @@ def run(
             "fill": f"{count} beads, {_share(count, rig, depth, particle):.1%} of the volume at a packing of "
             f"{PACKING:g} ({fill_from})",
             "end_walls": "of the drum's material, turning with it",
-            "filling": f"scattered and let fall, {course.let_go:.2f} s until the bed rested",
+            "filling": f"placed on a loose lattice and let fall, {course.let_go:.2f} s until the bed rested",
             "start": "at full speed at once",
             **bench.assumptions(),
         },
@@ -138,7 +180,7 @@ def run(
 
 
 def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
-    """Whether the bed can flow, and turned for long enough from rest: what a film that begins later cannot tell."""
+    """Checks of a run: fill, size of the bed in bead diameters, and number of turns and samples."""
     share = _share(rotation.count, rig, _filled_in(rig)[0], particle)
     high, long = (size / particle.equivalent_diameter for size in _across(share, rig.diameter))
     enough = high >= SHALLOWEST and long >= SHORTEST
@@ -155,8 +197,8 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
             + (
                 "."
                 if enough
-                else f", where a slope needs {SHALLOWEST:g} and {SHORTEST:g}: single beads make it; give more or "
-                "smaller beads."
+                else f"; an angle needs {SHALLOWEST:g} and {SHORTEST:g}, below which it is set by single beads; give "
+                "more or smaller beads."
             ),
         ),
         Check(
@@ -164,14 +206,14 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
             longer,
             rotation.turns,
             1.0,
-            f"the drum turned {rotation.turns:g} times, and the bed was looked at {looks} times once it kept its slope"
-            + ("." if longer else f": give more turns, at least {2 * STEADY_AFTER:g} and {FEWEST_LOOKS} looks."),
+            f"the drum turned {rotation.turns:g} times, and the steady bed was sampled {looks} times"
+            + ("." if longer else f": give more turns, at least {2 * STEADY_AFTER:g} and {FEWEST_LOOKS} samples."),
         ),
     )
 
 
 def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
-    """The bed in the end, seen along the axis, an RGB image; its front wall is left out."""
+    """RGB image of the bed at the end, seen along the axis without the front wall."""
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
@@ -205,7 +247,7 @@ def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:
 
 def _across(share: float, diameter: float) -> tuple[float, float]:
     """Height of a level bed that fills this share of a drum, and the length of its surface [m]."""
-    angle = np.linspace(0, 2 * math.pi, 721)  # [rad], that the surface takes up, seen from the axis
+    angle = np.linspace(0, 2 * math.pi, 721)  # [rad], subtended by the surface at the axis
     taken = float(np.interp(share, (angle - np.sin(angle)) / (2 * math.pi), angle))
     return diameter / 2 * (1 - math.cos(taken / 2)), diameter * math.sin(taken / 2)
 
@@ -252,11 +294,11 @@ def _domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], l
 
 @dataclass(kw_only=True)
 class _Course(filling.Course):
-    """How far filling and turning have come: with the beads, all that a run needs to go on."""
+    """State of filling and turning; a run resumes from it and from the state of the beads."""
 
-    level: float | None = None  # [m], that parted the bed at rest into halves
+    level: float | None = None  # [m], height that divides the bed at rest into halves
     low_at_first: list[int] = field(default_factory=list)  # the beads of the lower half
-    times: list[float] = field(default_factory=list)  # [s], since the drum began to turn, of the looks
+    times: list[float] = field(default_factory=list)  # [s], of the samples, since the drum began to turn
     heights: list[list[float]] = field(default_factory=list)  # [m], of the bed's outline
     mixing: list[float] = field(default_factory=list)
 
@@ -269,7 +311,7 @@ class _Course(filling.Course):
 def _settle(
     bulk: Bulk, logbook: Logbook, course: _Course, rig: Drum, particle: Particle, limit: float, progress: Progress
 ) -> None:
-    """Let the bed come to rest, look at it, then set the drum turning."""
+    """Let the bed come to rest, sample it, then start the drum."""
     from rigtwin.sim.engine.walls.shapes import Motion
 
     if course.let_go is not None:
@@ -293,7 +335,7 @@ def _turn(
     interval: float,
     progress: Progress,
 ) -> None:
-    """Turn the drum and look at the bed now and then."""
+    """Turn the drum and sample the bed at regular intervals."""
     assert course.let_go is not None
     steps = max(1, round(interval / bulk.time_step))
     lasts = turns * 2 * math.pi / abs(rig.speed)
@@ -305,7 +347,7 @@ def _turn(
 
 
 def _look(bulk: Bulk, course: _Course, rig: Drum, particle: Particle) -> None:
-    """Note the bed's outline and how far it has mixed."""
+    """Record the outline of the bed and its mixing index."""
     assert course.let_go is not None
     beads = bulk.beads()
     heap = bed(beads.position, beads.radius)
@@ -316,9 +358,9 @@ def _look(bulk: Bulk, course: _Course, rig: Drum, particle: Particle) -> None:
 
 
 def _marked(grains: Grains, course: _Course) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Centres of all beads from where the halves met at first, and which of them lay below it then.
+    """Centres of all beads relative to the initial border of the halves, and which beads were below it.
 
-    So no cell lies across the border, and the index begins at 0.
+    With the origin on the border no cell contains beads of both halves at the start, and the index begins at 0.
     """
     assert course.level is not None
     marked = np.zeros(len(grains.ident), dtype=bool)
@@ -335,7 +377,7 @@ def _outline(centres: Array, radii: Array, rig: Drum, particle: Particle) -> Pro
 
 
 def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
-    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
     depth, _ = _filled_in(rig)
     if not (math.isfinite(rig.speed) and rig.speed != 0):
         raise BadInput(f"speed: the drum must turn; got {rig.speed:g} rad/s.")
@@ -351,8 +393,8 @@ def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
         raise BadInput(f"count: {count} beads make no bed; give at least 1.")
     if (share := _share(count, rig, depth, particle)) > FULLEST:
         room = int(count * FULLEST / share)
-        more = f"at most {room} find room" if room else "give a longer drum"
-        raise BadInput(f"count: {count} beads do not fit in, or could not turn; {more}.")
+        more = f"give at most {room}" if room else "give a longer drum"
+        raise BadInput(f"count: {count} beads fill {share:.0%} of the drum, more than {FULLEST:.0%}; {more}.")
 
 
 def _warnings(course: _Course) -> tuple[str, ...]:
@@ -360,5 +402,5 @@ def _warnings(course: _Course) -> tuple[str, ...]:
     if not course.in_time:
         warnings.append("the bed was still moving when the drum began to turn; raise --fill-limit")
     if not np.isfinite(course.mixing[-1]):
-        warnings.append("so few beads lie together that their mixing cannot be counted; give more of them")
+        warnings.append("no two cells hold enough beads for a mixing index; give more beads")
     return tuple(warnings)

@@ -1,4 +1,4 @@
-"""What a twin of many particles computes with, in the words and conventions of other codes."""
+"""Export of the parameters of a simulation in the conventions of other DEM codes (EDEM, LIGGGHTS)."""
 
 from __future__ import annotations
 
@@ -18,37 +18,37 @@ Code = Literal["edem", "liggghts"]
 
 CODES = get_args(Code)
 ARM: dict[Code, Arm] = {"edem": "own radius", "liggghts": "effective radius"}  # EDEM: "standard rolling friction"
-ROLLING: dict[Rolling, str] = {"type A": "cdt", "type A explicit": "cdt", "type C": "epsd2"}  # as LIGGGHTS calls them
-DIFFERS = {  # theirs from ours
+ROLLING: dict[Rolling, str] = {"type A": "cdt", "type A explicit": "cdt", "type C": "epsd2"}  # names in LIGGGHTS
+DIFFERS = {  # remaining difference of LIGGGHTS's model from ours, for the header of the file
     "cdt": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
-    "epsd2": "below it epsd2's spring is a quarter of type C's between equal spheres, and has no dashpot",
+    "epsd2": "below the limit the spring of epsd2 is a quarter of type C's between equal spheres, without dashpot",
 }
-LEAST = 0.05  # [1], restitution that LIGGGHTS takes; some 0.21 comes out
-SOFT, HARD = 5e6, 1e9  # [Pa], moduli between which LIGGGHTS asks for no confirmation
+LEAST = 0.05  # [1], smallest restitution that LIGGGHTS accepts; the simulated one is then about 0.21
+SOFT, HARD = 5e6, 1e9  # [Pa], range of moduli that LIGGGHTS accepts without confirmation
 
 
 @dataclass(frozen=True)
 class Export:
-    """Parameters as a code takes them."""
+    """Parameters in the conventions of another code."""
 
     code: Code
-    particle: Particle  # its material as soft as the model's
-    wall: Material  # as soft as the model's
+    particle: Particle  # with softened moduli
+    wall: Material  # with softened moduli
     between: Contact  # in the code's conventions
     at_wall: Contact  # in the code's conventions
     rolling: Rolling
     time_step: float  # [s]
-    given: tuple[Contact, Contact]  # in ours
+    given: tuple[Contact, Contact]  # `between` and `at_wall` in rigtwin's conventions
     stiffness_factor: float  # [1]
     warnings: tuple[str, ...]
 
     @property
     def text(self) -> str:
-        """For a person, or for the code to read."""
+        """Text output: a LIGGGHTS input file, or a list for EDEM's dialogs."""
         return _for_liggghts(self) if self.code == "liggghts" else _for_edem(self)
 
     def to_json(self) -> dict[str, Any]:
-        """All of it as plain numbers and texts, SI."""
+        """All parameters as plain numbers and strings, SI units."""
         return {
             "code": self.code,
             "particle": {
@@ -77,9 +77,49 @@ def export(
     stiffness_factor: float = 1e-3,
     time_step_fraction: float = 0.3,
 ) -> Export:
-    """Particle, wall and their contacts for another code, as stiff and with the step [of Rayleigh's] of our twin.
+    """Convert the parameters of a simulation to the conventions of another DEM code.
 
-    Raises `BadInput` for an unknown code and for clumps, whose spheres other codes are told in ways of their own.
+    Parameters
+    ----------
+    code : {"edem", "liggghts"}
+        Target code.
+    particle : Particle
+        A sphere.
+    wall : Material
+        Material of the walls.
+    between, at_wall : Contact
+        Coefficients of contacts between particles, and of particles with walls.
+    rolling : {"type A", "type A explicit", "type C"}
+        Rolling resistance model.
+    stiffness_factor : float
+        Factor of Young's moduli [1].
+    time_step_fraction : float
+        Time step over Rayleigh's time step [1].
+
+    Returns
+    -------
+    Export
+        Converted parameters; `Export.text` is the output as text, `Export.to_json` as plain data.
+
+    Raises
+    ------
+    BadInput
+        If the code is unknown, the particle is a clump (codes describe clumps in different ways), the time step is
+        refused, or a restitution is below what LIGGGHTS can reach.
+
+    Notes
+    -----
+    Rolling friction is rescaled because the codes multiply it by different radii: EDEM by the radius of the sphere,
+    LIGGGHTS by the effective radius.  For LIGGGHTS the restitution e is converted, too: it damps with
+    psi = -ln e / sqrt(pi^2 + ln^2 e) and allows no attraction, so a contact restitutes more than the value given.
+
+    Examples
+    --------
+    >>> from rigtwin.lab.materials import Contact, Material, Particle
+    >>> glass = Material("glass", youngs_modulus=63e9, poisson_ratio=0.22, density=2500.0)
+    >>> made = export("edem", Particle("bead", glass, 6e-3), glass, Contact(0.8), Contact(0.8))
+    >>> made.between.restitution
+    0.8
     """
     from rigtwin.sim.engine.time_step import time_step
 
@@ -104,7 +144,7 @@ def export(
 
 
 def _converted(contact: Contact, code: Code, radius: float, other: float) -> Contact:
-    """A contact of spheres of these radii [m] in the code's conventions."""
+    """Contact of spheres of these radii [m] in the conventions of `code`."""
     rolls = rolling_friction(contact.rolling_friction, radius, other, arm=ARM[code])
     if code == "edem":
         return replace(contact, rolling_friction=rolls)
@@ -112,13 +152,13 @@ def _converted(contact: Contact, code: Code, radius: float, other: float) -> Con
 
 
 def _of_usual_damping(restitution: float) -> float:
-    """What to give to a code that damps by psi = -ln e / sqrt(pi^2 + ln^2 e) and lets no contact pull."""
+    """Input value for a code that damps by psi = -ln e / sqrt(pi^2 + ln^2 e) and allows no attraction in a contact."""
     from rigtwin.sim.engine.contact import damping_ratio
 
     psi = damping_ratio(restitution)
     usual = math.exp(-math.pi * psi / math.sqrt(1 - psi**2)) if psi < 1 else 0.0
     if usual < LEAST:
-        raise BadInput(f"restitution {restitution:g} is below what LIGGGHTS can damp to; give 0.22 or more.")
+        raise BadInput(f"restitution {restitution:g} is below the smallest that LIGGGHTS can reach; give 0.22 or more.")
     return usual
 
 
@@ -136,7 +176,7 @@ def _for_liggghts(made: Export) -> str:
     bead, wall = made.particle, made.wall
     moduli = (bead.material.youngs_modulus, wall.youngs_modulus)
     confirmed = [word for word, odd in (("soft", min(moduli) < SOFT), ("hard", max(moduli) > HARD)) if odd]
-    before = "".join(f"# it wants, before atom_style: {word}_particles yes\n" for word in confirmed)
+    before = "".join(f"# required before atom_style: {word}_particles yes\n" for word in confirmed)
 
     def each(name: str, ours: float, theirs: float) -> str:
         return f"fix {name} all property/global {name} peratomtype {ours:.10g} {theirs:.10g}\n"
@@ -152,10 +192,10 @@ def _for_liggghts(made: Export) -> str:
         "# include behind create_box 2\n"
         f"{before}"
         f"# spheres: diameter {bead.diameter:.10g} density {bead.effective_density:.10g}\n"
-        f"# between {_told(made.given[0])}, at walls {_told(made.given[1])}; in LIGGGHTS:\n"
-        "# restitution is smaller here, for it comes out larger than it was given where a contact may not pull;\n"
+        f"# between {_coefficients(made.given[0])}, at walls {_coefficients(made.given[1])}; in LIGGGHTS:\n"
+        "# restitution is smaller here, as LIGGGHTS allows no attraction in a contact and then restitutes more;\n"
         "# rolling friction is mu_r Fn R_eff here and not mu_r Fn R, R_eff being R / 2 between equal spheres: twice;\n"
-        f"# the torque's limit is the same, but\n# {DIFFERS[ROLLING[made.rolling]]}\n"
+        f"# the limit of the torque is the same, but\n# {DIFFERS[ROLLING[made.rolling]]}\n"
         + "".join(f"# {words}\n" for words in (*_softened(made), *made.warnings))
         + each("youngsModulus", *moduli)
         + each("poissonsRatio", bead.material.poisson_ratio, wall.poisson_ratio)
@@ -172,16 +212,16 @@ def _softened(made: Export) -> tuple[str, ...]:
     if made.stiffness_factor == 1:
         return ()
     return (
-        f"the moduli are {made.stiffness_factor:g} of the materials' own (--stiffness-factor); the time step is theirs",
+        f"the moduli are {made.stiffness_factor:g} of the real ones (--stiffness-factor), as the time step assumes",
     )
 
 
-def _told(contact: Contact) -> str:
+def _coefficients(contact: Contact) -> str:
     return f"e {contact.restitution:g}, mu {contact.static_friction:g}, mu_r {contact.rolling_friction:g}"
 
 
 def _for_edem(made: Export) -> str:
-    """Lines to type in: EDEM keeps its projects in files of its own."""
+    """List of values to type in: EDEM has a project format of its own."""
     bead, wall = made.particle, made.wall
     rows = (bead.material, bead.effective_density), (wall, wall.density)
     materials = [
@@ -201,7 +241,7 @@ def _for_edem(made: Export) -> str:
         *materials,
         *contacts,
         f"time step {made.time_step:g} s",
-        f"the torque's limit is that of our {made.rolling}"
+        f"the limit of the rolling torque is that of rigtwin's {made.rolling}"
         + (", which springs back below it: EDEM's standard model does not" if made.rolling == "type C" else ""),
         *_softened(made),
         *made.warnings,

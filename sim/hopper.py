@@ -1,7 +1,7 @@
-"""The twin of the discharge tests: a hopper is filled, its outlet opened, and what leaves it is counted.
+"""Simulation of the discharge tests: a hopper is filled, its outlet opened, and the beads that leave are counted.
 
 Two hoppers (Hlosta et al. 2020): the conical one of section 2.2.3, whose beads fall out of sight, and the slot hopper
-of section 2.2.5, whose beads run down a slide and heap up on the floor below.
+of section 2.2.5, whose beads run down a slide and form a heap on the floor below.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-LOOK = 0.01  # [s], how often the twin looks at the hopper, as the paper's simulations were saved
+LOOK = 0.01  # [s], interval of the samples, as in the paper's simulations
 STUCK = 0.5  # [s] without a bead leaving, after which the hopper counts as blocked or empty
-STEADY = (0.2, 0.8)  # part of the beads that have left, between which the flow counts as steady
-BELOW = 0.08  # [m], how far below a round outlet beads are followed
-# of the slot hopper, where the rig does not say; its length follows from the paper's discharge times
+STEADY = (0.2, 0.8)  # share of the beads that have left, between which the flow counts as steady
+BELOW = 0.08  # [m], depth below a round outlet down to which beads are simulated
+# slot hopper, where the rig does not state them; the slot length follows from the paper's discharge times
 WIDTH, SLOT_LENGTH, SLIDE_DROP = 0.15, 0.068, 0.06  # [m]
 SLIDE_ANGLE = math.radians(45)  # [rad]
 LID = 0  # number of the wall that closes the outlet
@@ -44,20 +44,20 @@ LID = 0  # number of the wall that closes the outlet
 
 @dataclass(frozen=True)
 class Discharge:
-    """What left a hopper and when; times count from the opening of the outlet.
+    """Discharge of a hopper over time; times count from the opening of the outlet.
 
     x runs across the slot (slot hopper), z up from the outlet.
     """
 
-    outlet_times: Array  # [s], rising, when each particle's centre passed the outlet
+    outlet_times: Array  # [s], ascending, at which the particles' centres passed the outlet
     mass_left: Series  # [kg] in the hopper over time
-    discharge_time: float | None  # [s], opening to the last bead through the outlet; None while beads stay inside
+    discharge_time: float | None  # [s], from the opening to the last bead; None if beads remain inside
     mass_flow_rate: float | None  # [kg/s], steady part; None where too few beads left
     asked: int
     emptied: int
     remaining: int
-    arched: bool  # whether nothing left any more, with particles over the outlet
-    centres: Array  # [m], shape (n, 3), of the spheres that are there in the end
+    arched: bool  # whether the discharge stopped with particles over the outlet
+    centres: Array  # [m], shape (n, 3), of the spheres in the domain at the end
     radii: Array  # [m], shape (n,)
     pile: Profile | None  # outline of the heap on slide and floor, seen along the slot
     at_rest: bool  # whether that heap rests
@@ -83,10 +83,52 @@ def run(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Discharge:
-    """Fill the hopper with `count` beads, let them rest (at most `fill_limit` [s]), open it, and count.
+    """Fill the hopper, let the beads rest, open the outlet, and record the discharge.
 
-    The run ends when the hopper is empty, when no bead has left for half a second, or `duration` [s] after the
-    opening; below a slot hopper it goes on until the heap rests, at most `settle_limit` [s].
+    Parameters
+    ----------
+    rig : Hopper
+        Variant ("conical" or "slot") and dimensions [m], angles [rad].
+    particle : Particle
+        Sphere or clump.
+    wall : Material
+        Material of the walls.
+    contact, wall_contact : Contact
+        Coefficients of contacts between particles, and of particles with walls.
+    count : int
+        Number of particles.
+    seed : int
+        Seed of the random positions and orientations.
+    fill_limit : float
+        Longest wait [s] until the filling rests before the outlet opens.
+    duration : float, optional
+        Longest discharge [s].  Default: until the hopper is empty, or no bead has left for 0.5 s.
+    settle_limit : float
+        Longest wait [s] until the heap below a slot hopper rests.
+    progress : Progress
+        Callback for the progress display.
+    **numerics : Numerics
+        Numerical settings, see `rigtwin.sim.run.set_up.Numerics`.
+
+    Returns
+    -------
+    Discharge
+        Times of passage, mass in the hopper, mass flow rate, and the heap below a slot hopper.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    SimulationFailed
+        If the simulation breaks down.
+
+    Notes
+    -----
+    The whole outlet opens at once.  The time at which a bead passes the outlet follows from its free fall below it.
+
+    References
+    ----------
+    Hlosta et al. 2020, sections 2.2.3 and 2.2.5.
     """
     check(rig, particle, count=count, duration=duration)
     plan = _plan(rig, particle, count)
@@ -124,8 +166,8 @@ def run(
         history=logbook.history,
         assumptions={
             **plan.assumptions,
-            "opening": "the whole outlet is free at once",
-            "filling": f"scattered above the outlet and let fall, {course.let_go:.2f} s until the bed rested",
+            "opening": "the whole outlet opens at once",
+            "filling": f"placed loosely above the outlet and let fall, {course.let_go:.2f} s until the bed rested",
             **bench.assumptions(),
         },
         warnings=bench.warnings(bulk, logbook) + _warnings(rig, particle, course, emptied, count, at_rest),
@@ -133,14 +175,14 @@ def run(
 
 
 def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArray[np.uint8]:
-    """The hopper and what lies in and below it in the end, an RGB image; a slot hopper without its upright plates."""
+    """RGB image of the hopper and the beads at the end; a slot hopper is drawn without its vertical plates."""
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
     plan = _plan(rig, particle, discharge.asked)
     triangles_of = [triangles(shape, plan.domain) for shape in plan.shapes[LID + 1 :]]
     walls = np.concatenate(triangles_of)
-    if rig.variant == "slot":  # plates that face the eye would veil all
+    if rig.variant == "slot":  # plates facing the viewer would hide the beads
         walls = walls[np.ptp(walls[:, :, 1], axis=1) > 0]
         low = walls.reshape(-1, 3).min(axis=0)
         walls = walls[walls[:, :, 2].min(axis=1) < low[2] + 3 * plan.domain[1][0]]
@@ -148,7 +190,7 @@ def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArra
 
 
 def steady_flow(outlet_times: Array, count: int, mass: float) -> float | None:
-    """Mass flow [kg/s] while the middle of `count` beads of `mass` [kg] leaves: a straight line through their times.
+    """Mass flow [kg/s] of the middle 60 % of `count` beads of `mass` [kg]: slope of a line through their times.
 
     >>> round(steady_flow(np.arange(100) * 0.01, 100, 1e-3) or 0, 9)
     0.1
@@ -166,25 +208,25 @@ def steady_flow(outlet_times: Array, count: int, mass: float) -> float | None:
 
 @dataclass(frozen=True)
 class _Plan:
-    """The hopper's walls, the first of which is the lid of the outlet."""
+    """Walls of the hopper, the lid of the outlet first, and its domain."""
 
     shapes: tuple[Shape, ...]
-    filled: tuple[Array, Array]  # [m], corners of a box that holds all beads before they fall
+    filled: tuple[Array, Array]  # [m], corners of the box in which the beads are placed
     domain: tuple[Array, Array]  # [m]
     inside: filling.Inside
-    floor: float  # [m], height of the floor below the outlet, negative; 0: there is none
+    floor: float  # [m], height of the floor below the outlet, negative; 0 without a floor
     assumptions: dict[str, str]
     outlet: float  # [m], diameter, or width of the slot
-    round: bool  # else a slot along y
+    round: bool  # False: a slot along y
 
     def over_outlet(self, centres: Array) -> bool:
-        """Whether particles stand over the middle of the outlet; those that lie around it do not jam it."""
-        aside = np.hypot(centres[:, 0], centres[:, 1]) if self.round else np.abs(centres[:, 0])
-        return bool(((aside < self.outlet / 4) & (centres[:, 2] > 0)).any())
+        """Whether particles are over the middle of the outlet; those lying around it do not block it."""
+        from_axis = np.hypot(centres[:, 0], centres[:, 1]) if self.round else np.abs(centres[:, 0])
+        return bool(((from_axis < self.outlet / 4) & (centres[:, 2] > 0)).any())
 
 
 def _plan(rig: Hopper, particle: Particle, count: int) -> _Plan:
-    # beads scattered loosely take five times their volume
+    # on the loose lattice a bead takes up to five cubes of its diameter
     room = 5 * count * particle.diameter**3
     return _slot(rig, particle, room) if rig.variant == "slot" else _conical(rig, particle, room)
 
@@ -218,7 +260,7 @@ def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
     narrow, wide, deep = rig.outlet / 2, width / 2, length / 2
     rise = (wide - narrow) * math.tan(rig.inclination)
     top = rise + room / (width * length)
-    # the slide is met in its upper third and ends on the floor, which is as long as the slide is wide
+    # beads hit the slide in its upper third; it ends on the floor, which is as long as the hopper is wide
     reach = 1.5 * width
     begins = (-reach / 3, -drop + reach / 3 * math.tan(angle))
     ends = (begins[0] + reach, begins[1] - reach * math.tan(angle))
@@ -273,13 +315,13 @@ def _given(value: float | None) -> str:
 
 @dataclass(kw_only=True)
 class _Course(filling.Filling):
-    """How far filling and emptying have come: with the beads, all that a run needs to go on."""
+    """State of filling and discharge; a run resumes from it and from the state of the beads."""
 
     count: int
-    emptied_at: float | None = None  # [s], when the last bead left, or no more came
+    emptied_at: float | None = None  # [s], end of the discharge
     arched: bool = False
     left_at: list[float | None] = field(default_factory=list)  # [s], after the opening, of each bead
-    looks: list[tuple[float, int]] = field(default_factory=list)  # [s] after the opening, beads left inside
+    looks: list[tuple[float, int]] = field(default_factory=list)  # time [s] after the opening, beads inside
 
     def __post_init__(self) -> None:
         self.left_at = self.left_at or [None] * self.count
@@ -288,7 +330,7 @@ class _Course(filling.Filling):
 def _settle(
     bulk: Bulk, logbook: Logbook, course: _Course, particle: Particle, limit: float, progress: Progress
 ) -> None:
-    """Let the bed come to rest on the lid, then take the lid away."""
+    """Let the bed come to rest on the lid, then remove the lid."""
     if course.let_go is None:
         filling.settle_and_let_go(bulk, logbook, course, particle, limit, progress, every=LOOK)
         course.looks.append((0.0, course.count))
@@ -298,7 +340,7 @@ def _settle(
 def _discharge(
     bulk: Bulk, logbook: Logbook, course: _Course, plan: _Plan, duration: float | None, progress: Progress
 ) -> None:
-    """Look who has left until nobody does any more."""
+    """Record which beads have left, until no more do."""
     assert course.let_go is not None
     steps = max(1, round(LOOK / bulk.time_step))
     while course.emptied_at is None:
@@ -316,7 +358,7 @@ def _discharge(
 
 
 def _note_who_left(grains: Grains, course: _Course, now: float) -> None:
-    """Beads below the outlet fall freely: their fall tells when they passed it."""
+    """Record the times at which beads passed the outlet, from their free fall below it."""
     there = np.full(course.count, -1)
     there[grains.ident] = np.arange(len(grains.ident))
     for ident in (k for k, when in enumerate(course.left_at) if when is None):
@@ -346,13 +388,14 @@ def _heap(beads: Beads, particle: Particle, plan: _Plan) -> Profile:
 
 
 def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None = None) -> None:
-    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
     positive(outlet=rig.outlet)
     if rig.variant == "conical":
         positive(diameter=rig.diameter, cone_height=rig.cone_height)
     elif not 0 < rig.inclination < math.pi / 2:
         raise BadInput(
-            f"inclination: {math.degrees(rig.inclination):g} degrees is no slope; give 0 to 90 from the level."
+            f"inclination: {math.degrees(rig.inclination):g} degrees is not between 0 and 90; count it from the "
+            "horizontal."
         )
     elif rig.slide_drop is not None and rig.slide_drop < particle.diameter:
         raise BadInput(

@@ -1,4 +1,4 @@
-"""The twin of the packing test: particles pour into a measuring cylinder (Hlosta et al. 2020, fig. 4)."""
+"""Simulation of the packing test: particles pour into a measuring cylinder (Hlosta et al. 2020, fig. 4)."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-OUTLET = 0.6  # of the cylinder's diameter
-LEAST_RATE = 200.0  # [1/s]
-CONE = math.radians(60)  # [rad], of the hopper's walls from the level
+OUTLET = 0.6  # outlet over cylinder diameter, where the rig does not state it
+LEAST_RATE = 200.0  # [1/s], smallest default pour rate, to keep the run short
+CONE = math.radians(60)  # [rad], inclination of the hopper's walls from the horizontal
 SLIDE = 2  # number of the wall that closes the hopper
 FLOWING = 0.5  # [s] without a particle leaving, after which the hopper counts as blocked or empty
 SURFACE_POINTS = 100  # across the cylinder
@@ -37,7 +37,7 @@ SURFACE_POINTS = 100  # across the cylinder
 
 @dataclass(frozen=True)
 class Bed:
-    """What stands in the cylinder in the end.  x and y from the axis, z above the bottom."""
+    """The bed in the cylinder at the end.  x and y from the axis, z above the bottom."""
 
     centres: Array  # [m], shape (n, 3), of the spheres
     radii: Array  # [m], shape (n,)
@@ -50,11 +50,11 @@ class Bed:
     time: float  # [s], simulated
     asked: int
     placed: int
-    missed: int  # particles that did not stay in the cylinder, without those that are
-    stuck: int  # in the hopper still
-    arched: bool  # whether these stand still over its outlet
+    missed: int  # particles that are neither in the cylinder nor in the hopper
+    stuck: int  # particles still in the hopper
+    arched: bool  # whether these are at rest over its outlet
     outlet_diameter: float  # [m]
-    computing: float  # [s], of processor time, in all processes that the run took; NaN where one did not tell
+    computing: float  # [s], processor time of all processes of the run; NaN if an earlier one did not record it
     statistics: dict[str, float] = field(default_factory=dict)
     history: History | None = None
     assumptions: dict[str, str] = field(default_factory=dict)
@@ -77,7 +77,7 @@ class Bed:
 
     @property
     def seconds_per_particle(self) -> float:
-        """Processor time [s] that each particle took."""
+        """Processor time per particle [s]."""
         return self.computing / max(self.placed, 1)
 
     @property
@@ -100,11 +100,54 @@ def run(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Bed:
-    """Pour `count` particles into the cylinder and wait until they rest.
+    """Pour particles into the cylinder and wait until they rest.
 
-    Without a hopper they rain through its outlet, without overlap, clumps turned at random, at `pour_rate` [1/s]
-    (default: Beverloo's discharge of the outlet).  With one they rest on its slide (at most `fill_limit` [s]) until the
-    slide is drawn.  The run ends when they rest, or `settle_limit` [s] after the last one, and says which.
+    Parameters
+    ----------
+    rig : Packing
+        Dimensions of cylinder, outlet and hopper [m].
+    particle : Particle
+        Sphere or clump.
+    wall : Material
+        Material of the walls.
+    contact, wall_contact : Contact
+        Coefficients of contacts between particles, and of particles with walls.
+    count : int
+        Number of particles.
+    seed : int
+        Seed of the random positions and orientations.
+    pour_rate : float, optional
+        Particles per second [1/s], without a hopper.  Default: Beverloo's discharge of the outlet, but at least
+        200 per second.
+    fill_limit : float
+        Longest wait [s] until the particles rest on the slide of a hopper.
+    settle_limit : float
+        Longest wait [s] until the bed rests, after the last particle.
+    progress : Progress
+        Callback for the progress display.
+    **numerics : Numerics
+        Numerical settings, see `rigtwin.sim.run.set_up.Numerics`.
+
+    Returns
+    -------
+    Bed
+        The bed at the end; `Bed.at_rest` states whether it rests, `Bed.warnings` what limits the result.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range, or particles would move too fast for the time step.
+    SimulationFailed
+        If the simulation breaks down.
+
+    Notes
+    -----
+    Without a hopper (`rig.hopper_diameter` None) the particles are inserted in the outlet without overlap, clumps with
+    random orientation.  With a hopper they rest on its slide, which is then removed.
+
+    References
+    ----------
+    Hlosta et al. 2020, fig. 4.
     """
     check(rig, particle, count=count, settle_limit=settle_limit, pour_rate=pour_rate)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
@@ -157,18 +200,18 @@ class Hopper:
 
     @property
     def top(self) -> float:
-        """z [m] of its upper edge, as high as the filling needs when it is scattered."""
+        """z [m] of its upper edge; leaves room for the loose lattice of the filling."""
         loose = filling.loose_height(self.particle, self.count, self.diameter)
         return self.outlet.height + self.cone_height + loose
 
     @property
     def shapes(self) -> list[Shape]:
-        """The slide first."""
+        """Walls, the slide first."""
         source = self.outlet
         return [*filling.funnel(source.diameter, self.diameter, self.cone_height, self.top, source.height)]
 
     def pour(self, bulk: Bulk, logbook: Logbook, course: filling.Course, limit: float, progress: Progress) -> None:
-        """Fill the hopper, draw its slide, and wait until nothing leaves it any more."""
+        """Fill the hopper, remove its slide, and wait until no more particles leave it."""
         wide, low = self.diameter / 2, self.outlet.height
         if not course.placed:
             box = np.array([-wide, -wide, low]), np.array([wide, wide, self.top])
@@ -190,7 +233,7 @@ class Hopper:
 
 
 def surface(centres: Array, radii: Array, diameter: float) -> Array:
-    """Height [m] of the uppermost sphere over points spread evenly over a round base; 0 where there is none."""
+    """Height [m] of the uppermost sphere over points spread evenly over a round base; 0 without a sphere."""
     x = (np.arange(SURFACE_POINTS) + 0.5) / SURFACE_POINTS * diameter - diameter / 2
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
     points = points[np.hypot(*points.T) < diameter / 2]
@@ -208,7 +251,7 @@ def surface(centres: Array, radii: Array, diameter: float) -> Array:
 
 
 def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -> npt.NDArray[np.uint8]:
-    """The cylinder and its bed, an RGB image; the eye `turn` [deg] about z and `tilt` [deg] above."""
+    """RGB image of the cylinder and its bed, seen from `turn` [deg] about z and `tilt` [deg] above the horizon."""
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
@@ -251,7 +294,7 @@ def _bed(
     z = grains.position[:, 2]
     within = (np.hypot(*grains.position[:, :2].T) < rig.cylinder_diameter / 2) & (z > 0)
     stuck, arched = 0, False
-    if rig.hopper_diameter is not None:  # some may be stuck in it
+    if rig.hopper_diameter is not None:  # particles may be stuck in it
         within &= z < source.height
         above = z > source.height
         stuck = int(above.sum())
@@ -262,11 +305,11 @@ def _bed(
     placed = course.placed
     said = list(warnings)
     if not course.in_time:
-        said.append("the filling of the hopper was still moving when its slide was drawn; raise --fill-limit")
+        said.append("the filling of the hopper was still moving when its slide was removed; raise --fill-limit")
     if placed < asked:
         said.append(f"only {placed} of {asked} particles found room below the outlet")
     overfull = bool(heights.max(initial=0.0) > rig.cylinder_height)
-    if overfull:  # what it does not hold stands up to the hopper
+    if overfull:  # the surplus stands up to the hopper and is not stuck in it
         stuck, arched = 0, False
     if arched:
         jam = filling.arch_in_words(f"{stuck} of {placed} particles", source.diameter, particle)
@@ -306,7 +349,7 @@ def _bed(
 def check(
     rig: Packing, particle: Particle, *, count: int, settle_limit: float = 4.0, pour_rate: float | None = None
 ) -> None:
-    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
     positive(
         cylinder_diameter=rig.cylinder_diameter,
         cylinder_height=rig.cylinder_height,
@@ -355,7 +398,9 @@ def _assumptions(rig: Packing, source: filling.Outlet) -> dict[str, str]:
     }
     if rig.hopper_diameter is not None:
         wide, steep = rig.hopper_diameter * 1e3, math.degrees(CONE)
-        return words | {"hopper": f"{wide:.3g} mm wide over a cone of {steep:.0f} degrees; its slide is gone at once"}
+        return words | {
+            "hopper": f"{wide:.3g} mm wide over a cone of {steep:.0f} degrees; its slide is removed at once"
+        }
     return words | {
         "pour_rate": f"{source.pours} ({source.rate_from})",
         "outlet_speed": f"{source.speed:.2f} m/s",

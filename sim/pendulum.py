@@ -1,6 +1,6 @@
-"""The twin of the double pendulum: bead A swings down and hits bead B at rest (Hlosta et al. 2020, fig. 3c).
+"""Simulation of the double pendulum: bead A swings down and hits bead B at rest (Hlosta et al. 2020, fig. 3c).
 
-Or an upright wall, as the paper did with its cubes (section 3.2).
+In the variant "wall" it hits a vertical wall instead, as the paper did with cubes (section 3.2).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from rigtwin.sim.run.trials import FRAMES_AT_REST, Release, Seen, each, film, re
 
 @dataclass(frozen=True)
 class Trial:
-    """One swing: what hits what from which angle, and how it is filmed."""
+    """One swing: bodies, contact, and settings of the camera."""
 
     rig: Pendulum
     particle: Particle
     contact: Contact
     frame_rate: float  # [1/s]
-    wall: Material | None = None  # what stands in the place of B
-    duration: float | None = None  # [s]; None: until the beads have turned
+    wall: Material | None = None  # material of the wall that replaces B
+    duration: float | None = None  # [s]; None: until both beads have turned back
     effects: Effects = field(default_factory=lambda: NO_EFFECTS)
 
 
@@ -47,18 +47,52 @@ def run(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> tuple[Track, ...]:
-    """Paths of the beads "A" and "B", or of "A" alone before a wall, as a camera of `frame_rate` [1/s] would see them.
+    """Simulate one swing and return the paths of the beads, sampled by a camera.
 
-    Two pivots one bead diameter apart, rigid threads or rods, no air: the beads hang touching.  The origin is
-    the point where they touch, so A hangs at x = -radius and B at x = +radius, both at y = 0, the pivots at
-    y = length.  A is let go from rest after five frames at `release_angle` to the left.  Without `duration` [s] the
-    tracks end a little after the beads have passed their highest points on the rebound.  `wall` is what an upright
-    wall at x = 0 is made of, which stands in the place of B.  `effects` are those of a model by name, with their
-    parameters.
+    Parameters
+    ----------
+    rig : Pendulum
+        Length [m], release angle [rad], rod mass [kg] and variant.
+    particle : Particle
+        The beads; a clump only in the variant "wall".
+    contact : Contact
+        Coefficients of the contact of the beads, or of bead and wall.
+    frame_rate : float
+        Frames per second [1/s].
+    wall : Material, optional
+        Material of a vertical wall at x = 0 that replaces bead B; required for the variant "wall", and only there.
+    duration : float, optional
+        Length of the record [s].  Default: until shortly after the highest points of the rebound.
+    effects : Effects
+        Effects of a model by name, with their parameters.
+    progress : Progress
+        Callback for the progress display.
 
-    A clump meets the wall flat, with the side that its own x axis shows, and does not turn: it moves as a sphere as
-    wide and as heavy.  Uniform rods of `rig.rod_mass` M swing faster than the beads' m would, by
-    sqrt((m + M/2) / (m + M/3)), and meet as beads of m + M/3 do.
+    Returns
+    -------
+    tuple of Track
+        Paths [m] of the beads "A" and "B", or of "A" alone.  x to the right, y up; the origin is the point of
+        contact: A hangs at x = -radius, B at x = +radius, both at y = 0, the pivots are at y = length.  A is at rest
+        at the release angle to the left for five frames and is then released.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    SimulationFailed
+        If the simulation breaks down.
+
+    Notes
+    -----
+    Rigid threads or rods, pivots one bead diameter apart, no air.  A clump hits the wall flat, with the side of its
+    own x axis, and does not turn: it is simulated as a sphere of the same width and mass.
+
+    Uniform rods of mass M = `rig.rod_mass` make beads of mass m swing faster by sqrt((m + M/2) / (m + M/3)) (compound
+    pendulum); in the impact the beads act with the mass m + M/3.
+
+    References
+    ----------
+    Hlosta et al. 2020, fig. 3c and section 3.2.
     """
     from rigtwin.sim.engine.few.few_body import the_one
 
@@ -69,9 +103,9 @@ def run(
 def run_many(
     trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
 ) -> list[tuple[Track, ...] | RigtwinError]:
-    """The paths of many pendulums, each as `run` gives them, in one launch over `threads` (None: all cores).
+    """Paths of many pendulums, each as `run` returns them, in one launch over `threads` (None: all cores).
 
-    In the place of a trial that breaks down stands the error that says so.
+    The result of a trial that breaks down is its error.
     """
     seen = film(list(each(trials, Trial, _release)), threads=threads, progress=progress)
     return [one if isinstance(one, RigtwinError) else _tracks(one) for one in seen]
@@ -84,12 +118,12 @@ def _tracks(seen: Seen) -> tuple[Track, ...]:
 
 
 def check(trial: Trial) -> None:
-    """Raises `BadInput` where `run` would refuse this trial, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse this trial, without simulating."""
     _frames(trial)
 
 
 def _frames(trial: Trial) -> Array:
-    """[s], when the camera looks."""
+    """Times of the frames [s]."""
     rig, duration = trial.rig, trial.duration
     _check(rig, trial.particle, trial.frame_rate, trial.wall)
     if duration is None:
@@ -128,7 +162,7 @@ def _release(trial: Trial) -> Release:
 
 
 def _bob(particle: Particle, rod_mass: float) -> Particle:
-    """A sphere that swings and meets as the particle with its rod does."""
+    """Sphere that swings and collides like the particle with its rod."""
     diameter = particle.diameter
     if particle.shape is not None:
         places, radii = np.array(particle.shape.offsets)[:, 0], np.array(particle.shape.radii)
@@ -138,30 +172,30 @@ def _bob(particle: Particle, rod_mass: float) -> Particle:
 
 
 def _heavier(particle: Particle, rod_mass: float) -> float:
-    """By what the rod raises the pull on the bob over its inertia (a compound pendulum)."""
+    """Factor by which the rod raises weight over inertia (compound pendulum)."""
     return (particle.mass + rod_mass / 2) / (particle.mass + rod_mass / 3)
 
 
 def _check(rig: Pendulum, particle: Particle, frame_rate: float, wall: Material | None) -> None:
     positive(length=rig.length, release_angle=rig.release_angle, frame_rate=frame_rate)
     if rig.release_angle >= math.pi:
-        raise BadInput(f"release_angle: {math.degrees(rig.release_angle):g} degrees are not below 180; give fewer.")
+        raise BadInput(f"release_angle: {math.degrees(rig.release_angle):g} degrees are not below 180; give less.")
     if rig.length < particle.diameter:
         raise BadInput(
-            f"length: {rig.length * 1e3:.3g} mm from hinge to centre are less than the bead's own "
+            f"length: {rig.length * 1e3:.3g} mm from pivot to centre are less than the bead's own "
             f"{particle.diameter * 1e3:.3g} mm; give a longer pendulum or a smaller bead."
         )
     if (rig.variant == "wall") != (wall is not None):
         raise BadInput(f"pendulum: the variant {rig.variant!r} {'needs' if wall is None else 'has no'} wall.")
     if particle.shape is not None and wall is None:
         raise BadInput(
-            f"particle: {particle.name} is a clump, and two of them do not meet centre on centre; "
-            "give a sphere, or the variant wall."
+            f"particle: {particle.name} is a clump, and the impact of two clumps is not central; "
+            "give a sphere, or use the variant wall."
         )
     if not (math.isfinite(rig.rod_mass) and rig.rod_mass >= 0):
         raise BadInput(f"rod_mass: {rig.rod_mass:g} kg is below zero; give the mass of a rod.")
     if rig.rod_mass and rig.hanger != "rod":
-        raise BadInput("rod_mass: a string has no mass here; give the hanger rod, or leave it out.")
+        raise BadInput("rod_mass: a string is taken as massless; give the hanger 'rod', or leave rod_mass out.")
 
 
 def _quarter_period(length: float, amplitude: float) -> float:

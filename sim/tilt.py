@@ -1,4 +1,4 @@
-"""The twin of the tilting plate: it turns slowly until what lies on it slides or rolls (Hlosta et al. 2020, fig. 3)."""
+"""Simulation of the tilting plate: it turns slowly until a body slides or rolls (Hlosta et al. 2020, fig. 3)."""
 
 from __future__ import annotations
 
@@ -26,16 +26,20 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.few.few_body import Case, Motion
 
 
-STEP = 0.1  # of Rayleigh's
+STEP = 0.1  # of Rayleigh's time step
 STEEPEST = math.radians(85)
 HALF = math.sqrt(0.5)
-ACROSS = {0: (HALF, 0.0, 0.0, HALF), 1: (1.0, 0.0, 0.0, 0.0), 2: (HALF, HALF, 0.0, 0.0)}  # turns an axis onto y
-MARGIN = 1.3  # times the way's time; the record ends where the body leaves the plate
+ACROSS = {
+    0: (HALF, 0.0, 0.0, HALF),
+    1: (1.0, 0.0, 0.0, 0.0),
+    2: (HALF, HALF, 0.0, 0.0),
+}  # quaternions that turn an axis onto y
+MARGIN = 1.3  # on the time to cross the plate; the record ends where the body leaves it
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One plate and what lies on it, and how it is filmed."""
+    """One tilting test: plate, body, contact, and settings of the camera."""
 
     rig: Tilt
     particle: Particle
@@ -49,7 +53,7 @@ class Trial:
 
     @property
     def rolls_a_clump(self) -> bool:
-        """Whether the bulk engine has to move it."""
+        """Whether the bulk engine simulates it."""
         return self.rig.variant == "roll" and self.particle.shape is not None
 
 
@@ -66,18 +70,58 @@ def run(
     effects: Effects = NO_EFFECTS,
     progress: Progress = silent,
 ) -> tuple[Series, Track]:
-    """Angle of the plate and path of the body, sampled as a camera of `frame_rate` [1/s] would.
+    """Simulate one tilting test and return the angle of the plate and the path of the body, sampled by a camera.
 
-    Axes fixed in space, x to the right, y up, the hinge in the origin; the plate lies along x and turns
-    anticlockwise, from `rig.start_angle` on, after five frames at rest.  The body starts in the plate's middle and
-    goes down towards the hinge; the record ends where it leaves the plate, or after `duration` [s].
+    Parameters
+    ----------
+    rig : Tilt
+        Tilting speed [rad/s], start angle [rad], plate length [m], and variant: "slide", a block of glued particles
+        that cannot rotate, or "roll", a sphere, or a clump lying across the plate (a pellet rolls, a cube slides or
+        tips over).
+    particle : Particle
+        The body.
+    wall : Material
+        Material of the plate.
+    contact : Contact
+        Coefficients of the contact of body and plate.
+    frame_rate : float
+        Frames per second [1/s].
+    duration : float, optional
+        Length of the record [s].  Default: until the body has left the plate.
+    stiffness_factor : float
+        Factor of Young's moduli [1], at most 1; the onset does not depend on them.
+    rolling : {"type A", "type A explicit", "type C"}
+        Rolling resistance model.
+    effects : Effects
+        Effects of a model by name, with their parameters.
+    progress : Progress
+        Callback for the progress display.
 
-    "slide" is a block of glued particles that cannot roll, moved as one that does not turn; "roll" is a single sphere,
-    or a clump that lies across the plate: a pellet rolls, a cube slides or tips.  The motion of a sphere or a block is
-    worked out in the plate's axes under a gravity that turns.  What is left out there, the centrifugal and the Coriolis
-    acceleration, is speed^2 times the way to the hinge, and 2 speed times the body's velocity: at one degree a second
-    and 0.1 m a 300,000th of gravity before the onset, 0.4 % of it per m/s after.
-    Young's moduli are multiplied by `stiffness_factor`: the onset does not hang on them.
+    Returns
+    -------
+    angle : Series
+        Angle of the plate [rad], one row per frame; it is at the start angle for five frames.
+    path : Track
+        Centre of the body [m] in axes fixed in space, x to the right, y up, with the origin in the hinge.  The plate
+        lies along x and turns anticlockwise; the body starts in its middle and moves down towards the hinge.  The
+        record ends where the body leaves the plate, or after `duration`.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    SimulationFailed
+        If the simulation breaks down.
+
+    Notes
+    -----
+    A sphere or a block is simulated in the axes of the plate under a rotating gravity.  The centrifugal acceleration
+    (speed^2 times the distance to the hinge) and the Coriolis acceleration (2 speed times the velocity of the body)
+    are neglected: at 1 degree/s and 0.1 m they are 1/300,000 of gravity before the onset and 0.4 % per m/s after it.
+
+    References
+    ----------
+    Hlosta et al. 2020, fig. 3 and equations 3 and 4.
     """
     from rigtwin.sim.engine.few.few_body import the_one
 
@@ -88,10 +132,10 @@ def run(
 def run_many(
     trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
 ) -> list[tuple[Series, Track] | RigtwinError]:
-    """Angles and paths of many plates, each as `run` gives them, over `threads` (None: all cores).
+    """Angles and paths of many plates, each as `run` returns them, over `threads` (None: all cores).
 
-    Spheres and blocks move in one launch, clumps one after the other.  In the place of a trial that breaks down stands
-    the error that says so.
+    Spheres and blocks run in one launch, clumps one after the other.  The result of a trial that breaks down is its
+    error.
     """
     from rigtwin.sim.engine.few import few_body
 
@@ -112,7 +156,7 @@ def run_many(
 
 
 def _clump_record(trial: Trial, frames: _Frames, progress: Progress) -> tuple[Series, Track] | RigtwinError:
-    """As `_record`, or why the clump's simulation broke down."""
+    """As `_record`, or the error of a simulation that broke down."""
     try:
         return _record(frames, _rolled_clump(trial, frames.time, progress))
     except SimulationFailed as failure:
@@ -121,7 +165,7 @@ def _clump_record(trial: Trial, frames: _Frames, progress: Progress) -> tuple[Se
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
-    """When the camera looks, and how the plate stands then."""
+    """Times of the frames and angles of the plate."""
 
     time: Array  # [s]
     turning: Array  # [s] since the plate began to turn
@@ -133,7 +177,7 @@ class _Frames:
 
 
 def check(trial: Trial) -> None:
-    """Raises `BadInput` where `run` would refuse this trial, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse this trial, without simulating."""
     _frames(trial)
 
 
@@ -141,16 +185,16 @@ def _frames(trial: Trial) -> _Frames:
     rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
     _check(rig, trial.particle, frame_rate, trial.stiffness_factor)
     if duration is None:
-        # a clump may have edges that keep it from rolling, never from sliding
+        # the edges of a clump may prevent it from rolling, but not from sliding
         contact = trial.contact
         holds = replace(contact, rolling_friction=contact.static_friction) if trial.rolls_a_clump else contact
         duration = FRAMES_AT_REST / frame_rate + _until_gone(rig, holds)
     positive(duration=duration)
     if (frames := duration * frame_rate) > MOST_FRAMES:
         raise BadInput(
-            f"speed: a plate tilted at {math.degrees(rig.speed):.3g} deg/s and watched for {duration:.3g} s is a "
-            f"record of {frames:.2g} frames at {frame_rate:g} Hz, more than {MOST_FRAMES:,}; tilt it faster, watch it "
-            f"for a shorter time, or give a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
+            f"speed: a plate tilted at {math.degrees(rig.speed):.3g} deg/s and recorded for {duration:.3g} s gives "
+            f"{frames:.2g} frames at {frame_rate:g} Hz, more than {MOST_FRAMES:,}; tilt it faster, give a shorter "
+            f"duration, or a frame rate of at most {MOST_FRAMES / duration:.2g} Hz."
         )
     time = frame_times(duration, frame_rate)
     turning = np.maximum(time - FRAMES_AT_REST / frame_rate, 0.0)
@@ -158,7 +202,7 @@ def _frames(trial: Trial) -> _Frames:
 
 
 def _start(trial: Trial) -> tuple[Particle, tuple[float, float, float]]:
-    """What moves for the body, and where it lies still [m], in the plate's axes."""
+    """The simulated body and its position at rest [m], in the axes of the plate."""
     rig, factor = trial.rig, trial.stiffness_factor
     body = _body(rig, trial.particle, factor)
     rest = _depth(body, trial.wall.softened(factor), rig.start_angle)
@@ -166,7 +210,7 @@ def _start(trial: Trial) -> tuple[Particle, tuple[float, float, float]]:
 
 
 def _case(trial: Trial, frames: _Frames) -> Case:
-    """A sphere or a block on the plate, in the plate's axes."""
+    """Case of a sphere or a block, in the axes of the plate."""
     from rigtwin.sim.engine.effect_terms import acting
     from rigtwin.sim.engine.few.few_body import Body, Case, contact_step
     from rigtwin.sim.engine.walls.shapes import Plane, Wall
@@ -189,7 +233,7 @@ def _case(trial: Trial, frames: _Frames) -> Case:
 
 
 def _seen(trial: Trial, frames: _Frames, motion: Motion | None) -> Array:
-    """Path [m] of a sphere or block in the camera's axes, until it leaves the plate; None: it has not moved yet."""
+    """Path [m] of a sphere or block in the camera's axes, until it leaves the plate; `motion` None: at rest."""
     place = np.tile(_start(trial)[1], (len(frames.time), 1))
     on_plate = len(place)
     if motion is not None:
@@ -203,7 +247,7 @@ def _seen(trial: Trial, frames: _Frames, motion: Motion | None) -> Array:
 
 
 def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]:
-    """What is to be said of a model's effects that `run` cannot add."""
+    """Warnings about effects of a model that `run` does not simulate."""
     from rigtwin.sim.engine.effect_terms import acting_among, acting_on_few
 
     rolls = rig.variant == "roll" and particle.shape is not None
@@ -211,7 +255,7 @@ def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]
 
 
 def body_in_words(rig: Tilt, particle: Particle) -> str:
-    """What the body is taken for, for the result."""
+    """Description of the simulated body, for the result."""
     if rig.variant == "slide":
         return "A body that slides does not turn."
     if particle.shape is None:
@@ -221,7 +265,7 @@ def body_in_words(rig: Tilt, particle: Particle) -> str:
 
 
 def _row(clump: Particle) -> int | None:
-    """The axis along which all of the clump's spheres have their centres; None where they lie otherwise."""
+    """Axis on which the centres of all spheres of the clump lie; None if they do not lie on one axis."""
     assert clump.shape is not None
     offsets = np.array(clump.shape.offsets)
     axis = int(np.argmax(np.ptp(offsets, axis=0)))
@@ -229,7 +273,7 @@ def _row(clump: Particle) -> int | None:
 
 
 def _record(frames: _Frames, path: Array) -> tuple[Series, Track]:
-    """The frames for which there is a path."""
+    """The record of the frames for which there is a path."""
     seen = len(path)
     time, angle = frames.time[:seen], frames.angle[:seen]
     return (
@@ -239,7 +283,7 @@ def _record(frames: _Frames, path: Array) -> tuple[Series, Track]:
 
 
 def onset(rig: Tilt, contact: Contact) -> float:
-    """Angle [rad] at which the body must let go: tan(alpha) is the lesser of what holds it (eqs 3 and 4)."""
+    """Angle alpha [rad] of the onset: tan(alpha) is the smaller of the coefficients that hold the body (eqs 3, 4)."""
     holds = contact.static_friction
     if rig.variant == "roll":
         holds = min(holds, contact.rolling_friction)
@@ -247,9 +291,9 @@ def onset(rig: Tilt, contact: Contact) -> float:
 
 
 def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
-    """Path [m] of a clump that lies across a plate which turns: a pellet rolls, a cube slides or tips over its edge.
+    """Path [m] of a clump lying across the tilting plate: a pellet rolls, a cube slides or tips over its edge.
 
-    A row of spheres lies with its axis across the plate, anything else as its own axes say.
+    A row of spheres lies with its axis across the plate, any other clump along its own axes.
     """
     from rigtwin.sim.engine.bulk.bulk import Bulk
     from rigtwin.sim.engine.effect_terms import acting_among
@@ -295,22 +339,22 @@ def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
 
 
 def _after(second: Array, first: Array) -> Array:
-    """The rotation `first` and then `second`, as quaternions with the real part first."""
+    """Rotation `first` followed by `second`, as quaternions with the real part first."""
     (a, *u), (b, *v) = second, first
     one, other = np.array(u), np.array(v)
     return np.array([a * b - one @ other, *(a * other + b * one + np.cross(one, other))])
 
 
 def _until_gone(rig: Tilt, contact: Contact) -> float:
-    """[s] from the start of the turning until the body has left the plate."""
+    """Time [s] from the start of the tilting until the body has left the plate."""
     waiting = max(onset(rig, contact) - rig.start_angle, 0.0) / rig.speed
-    # past the onset the acceleration grows with the angle, at least by 5/7 g cos(alpha) speed a second
+    # after the onset the acceleration grows with the angle, by at least 5/7 g cos(alpha) times the tilting speed
     grows = 5 / 7 * GRAVITY * math.cos(onset(rig, contact)) * rig.speed
     return waiting + MARGIN * math.cbrt(3 * rig.plate_length / grows)
 
 
 def _body(rig: Tilt, particle: Particle, stiffness_factor: float) -> Particle:
-    """A sphere: the particle itself, or what stands for the glued block, whose angle does not hang on its shape."""
+    """Simulated sphere: the particle itself, or an equivalent of the block, whose onset is independent of its shape."""
     soft = particle.material.softened(stiffness_factor)
     if particle.shape is None:
         return replace(particle, material=soft)
@@ -319,7 +363,7 @@ def _body(rig: Tilt, particle: Particle, stiffness_factor: float) -> Particle:
 
 
 def _depth(body: Particle, plate: Material, angle: float) -> float:
-    """Overlap [m] that bears the body's weight, by Hertz's law, so that it lies still from the start."""
+    """Overlap [m] at which Hertz's force balances the body's weight, so that it starts at rest."""
     from rigtwin.sim.engine.contact import pair_law
 
     modulus = pair_law(body.material, plate, Contact(1.0)).effective_modulus

@@ -577,7 +577,7 @@ def test_the_angle_of_a_handful_of_beads_in_a_drum_is_doubtful(capfd):
     document = json.loads(capfd.readouterr().out)
     angles = [one for one in document["quantities"] if one["quantity"].startswith("angle_of_repose")]
     assert angles
-    assert all("single beads make it" in one["doubtful"] for one in angles)
+    assert all("set by single beads" in one["doubtful"] for one in angles)
 
 
 def test_a_checkpoint_of_another_run_is_refused_before_a_word_of_going_on(capfd):

@@ -1,9 +1,23 @@
-"""The library of effects: one small file each, found by looking into this folder.
+"""Catalogue of effects: terms that plain contact mechanics and an ideal camera leave out.
 
-An effect is one term that plain contact mechanics and an ideal camera leave out.  A file says what it is called, its
-equation and source, its parameters, the rigs in which it acts, and how it enters, as plain functions of numbers.  The
-functions use only ``+ - * / ** abs``, so the very same code runs on NumPy arrays here and can be compiled into an
-engine.  A user's own file of the same kind takes part: `own_effect(path)`.
+One file per effect, in a folder per family; `library` finds them by listing the folders:
+
+- adhesion/: adhesion at impacts and at lasting contacts
+- camera/: errors of the camera: roll, scale, lens, perspective, frame rate, shutter, time stamps
+- flight/: forces of the air and of electric charge on a moving bead
+- friction/: friction that depends on time, speed or size
+- impact/: restitution that depends on speed, shape or plate
+- rig/: errors of the rig: level, lengths, pivot, release
+
+and the code for all of them:
+
+- effect.py: the types `Effect` and `Parameter`
+- nameless_terms.py: terms with one coefficient, for a deviation that no effect of the catalogue describes
+- nameless_shapes.py: such terms with a fitted shape (band, decay, period)
+- validate.py: test calls of a user's own effect
+
+The functions of an effect use only ``+ - * / ** abs``.  The same code therefore runs on NumPy arrays and compiled in an
+engine.  A user's own file of the same form is loaded by `own_effect`.
 """
 
 from __future__ import annotations
@@ -26,7 +40,17 @@ __all__ = ["Effect", "Parameter", "library", "named", "own_effect"]
 
 @cache
 def library() -> tuple[Effect, ...]:
-    """Every effect in the sub-folders of this folder, sorted by name."""
+    """Return every effect of the catalogue, sorted by name.
+
+    Returns
+    -------
+    tuple of Effect
+
+    Examples
+    --------
+    >>> [effect.name for effect in library()][:2]
+    ['adhesion', 'adhesion_jkr']
+    """
     families = [module.name for module in pkgutil.iter_modules(__path__) if module.ispkg]
     found = []
     for family in families:
@@ -37,7 +61,27 @@ def library() -> tuple[Effect, ...]:
 
 
 def named(name: str) -> Effect:
-    """The effect of that name, or the nameless term.  Raises `BadInput` with the known names."""
+    """Return the effect of a name.
+
+    Parameters
+    ----------
+    name : str
+        Name of an effect of the catalogue, or of a nameless term (``"form:..."``).
+
+    Returns
+    -------
+    Effect
+
+    Raises
+    ------
+    BadInput
+        If there is no effect of that name; the message lists the known names.
+
+    Examples
+    --------
+    >>> named("buoyancy").rigs
+    ('drop', 'pendulum', 'double')
+    """
     if name.startswith(PREFIX):
         return form(name)
     known = {effect.name: effect for effect in library()}
@@ -47,9 +91,29 @@ def named(name: str) -> Effect:
 
 
 def own_effect(path: Path) -> Effect:
-    """The effect in a user's own file, which must define ``EFFECT = Effect(...)``.
+    """Load an effect from a user's own Python file.
 
-    Its functions are tried on plausible numbers first.  Raises `BadInput`, with the file and the hook.
+    Parameters
+    ----------
+    path : Path
+        Python file that defines ``EFFECT = Effect(...)``.  The file is executed.
+
+    Returns
+    -------
+    Effect
+        The effect, with `aimed` set if its force or torque has a fixed direction.
+
+    Raises
+    ------
+    BadInput
+        If the file does not exist, cannot be executed or defines no effect, or if a hook fails in a test call at
+        the typical parameters; the message names the file and the hook.
+
+    Examples
+    --------
+    >>> own_effect(Path("missing.py"))
+    Traceback (most recent call last):
+    rigtwin.lab.errors.BadInput: missing.py: no such Python file; give a file that defines EFFECT = Effect(...).
     """
     spec = importlib.util.spec_from_file_location(f"rigtwin_own_{path.stem}", path)
     if not path.is_file() or spec is None or spec.loader is None:
@@ -68,6 +132,6 @@ def _effect_of(module: ModuleType, name: str) -> Effect:
     effect = getattr(module, "EFFECT", None)
     if not isinstance(effect, Effect):
         raise BadInput(
-            f"{name}: defines no EFFECT = Effect(...); see rigtwin/sim/effects/flight/air_drag.py for a model."
+            f"{name}: defines no EFFECT = Effect(...); see rigtwin/sim/effects/flight/air_drag.py for an example."
         )
     return effect

@@ -1,4 +1,4 @@
-"""What an effect is: names, equation, source, parameters, the rigs in which it acts, and the hooks where it enters."""
+"""The types `Effect` and `Parameter`: names, equation, source, parameters, rigs and hook functions of an effect."""
 
 from __future__ import annotations
 
@@ -8,54 +8,125 @@ from typing import Any, Literal
 
 Hook = Callable[..., Any]
 WIDENING = ("jitter", "scatter")
-"""Values of `Effect.geometry` that move nothing and widen the noise alone."""
+"""Values of `Effect.geometry` that shift no position and only increase the noise."""
 RIGS = ("drop", "pendulum", "double", "slide", "roll")
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One coefficient of an effect, in SI."""
+    """One coefficient of an effect, in SI units.
+
+    Parameters
+    ----------
+    name, unit : str
+        Name as used in a model file, and SI unit ("1" for a dimensionless coefficient).
+    low, high : float
+        Limits of the physical values.
+    typical : float
+        A value whose influence is clearly visible; sets the step of the fit.
+    predicted : float, optional
+        Value that theory predicts without a fit.
+    least : float
+        Smallest size that is reported; smaller ones occur in every lab.
+    assumed : tuple of float, optional
+        Prior mean and standard deviation of a nuisance parameter, which belongs to the effect but does not measure its
+        strength.
+    stated : callable, optional
+        ``stated(bead, wall) -> value`` computes the parameter from the entries of a bead and a wall in lab.json; if
+        an entry is missing the value is `assumed`.
+    starts : tuple of float
+        Further starting values of the fit, for effects with several local minima.
+    meaning : str
+        What the coefficient is, for the reader of a report.
+
+    Examples
+    --------
+    >>> from rigtwin.sim.effects import Parameter
+    >>> Parameter("work", "J", 0.0, 1e-4, 1e-7, meaning="energy lost per impact").high
+    0.0001
+    """
 
     name: str
     unit: str
     low: float
-    """Below this the value is not physical."""
     high: float
     typical: float
-    """A clearly visible size; sets the step of the fit."""
     predicted: float | None = None
-    """The value that physics predicts without a fit, where it does."""
     least: float = 0.0
-    """What is smaller than this is in every lab, and is not named."""
     assumed: tuple[float, float] | None = None
-    """Mean and standard deviation, in any lab, of what goes with the effect and is no measure of its strength."""
     stated: Callable[[Mapping[str, Any], Mapping[str, Any]], float] | None = None
-    """What stands for it where a lab states enough of a bead and a wall, by their keys in lab.json; else the assumed
-    value does."""
     starts: tuple[float, ...] = ()
-    """Further values from which a fit is started, where the way to the best one is not straight."""
     meaning: str = ""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One term that can be added to a model.
+    """One term that can be added to a model of a rig or of its camera.
 
-    The hooks are plain functions of numbers (arrays, or scalars in a compiled engine), parameters last:
+    Parameters
+    ----------
+    name : str
+        Name in model files and reports.
+    title : str
+        Name in prose.
+    kind : {"physical", "measurement"}
+        Whether the effect changes the motion or only its record.
+    rigs : tuple of str
+        Rigs of the diagnosis in which the effect acts, from `RIGS`.
+    parameters : tuple of Parameter
+        The coefficients; the first one measures the strength.
+    equation, source : str
+        Formula and literature.
+    synonyms : tuple of str
+        Other names.
+    family : str
+        Name shared by alternative forms of one mechanism; they are distinguished only where the data can.
+    force, torque, restitution, rolling, sliding, onset, attraction, neck, exposure, view, drive : callable, optional
+        Hook functions, see Notes.
+    geometry : str
+        Name of the quantity of the rig that the first parameter shifts: ``"level"``, ``"length"``,
+        ``"release_spin"``, ``"rod_mass"``, ``"release_speed"``, ``"jitter"``, ``"scatter"``.
+    splits : str
+        Experiment that separates this effect from similar ones.
+    aimed : bool
+        Whether the force in flight, or the torque on a thread, has a fixed direction (towards positive x for a
+        positive coefficient), whichever way the bead moves.
+    steep : bool
+        Whether the force on a bead in flight changes considerably within one radius of the plate.
+    edges : callable, optional
+        ``edges(*p) -> (lowest, width)`` [m] of a force in flight that starts or ends at a height: the height of its
+        lowest edge, and the length over which the force grows by a factor e there.
+    flat : bool
+        Whether the derivative by the first parameter is zero at zero, so that a fit that starts there stays there.
+    even : bool
+        Whether the sign of the first parameter has no influence: a fit that ends below zero means its absolute value.
+    special : bool
+        Whether the effect needs a setup that not every lab has.  It is reported only where the data prefer it clearly
+        to the plain forms of its family; where those explain the data nearly as well, they are named beside it.
+
+    Notes
+    -----
+    The hooks are plain functions of numbers (arrays, or scalars in a compiled engine), with the parameters last:
 
     - ``force(vx, vy, gap, radius, mass, *p) -> (fx, fy)`` [N] on a sphere in flight or on a thread; `gap` [m] is the
       height of its lowest point above the plate.
     - ``torque(angle, rate, length, mass, *p)`` [N m] about a pivot.
-    - ``restitution(e, speed, radius, mass, *p)``: the coefficient at an impact `speed` [m/s], from the one at 1 m/s.
-    - ``rolling(mu, speed, radius, *p)``: the rolling friction (tangent of the angle) at a speed.
-    - ``sliding(mu, speed, waiting, *p)``: the sliding friction while it slides.
-    - ``onset(mu, waiting, normal, *p)``: the friction at which sliding starts; `waiting` [s], `normal` [N].
-    - ``attraction(overlap, radius, modulus, *p)`` [N]: the pull of two bodies in contact, `radius` [m] and `modulus`
-      [Pa] the effective ones; with ``neck(radius, modulus, *p)`` [m] it lasts until they are so far apart.
-    - ``exposure(time, x, y, *p)``: the true time [s] at which a row stamped `time` was taken.
-    - ``view(x, y, *p) -> (x, y)`` [m]: where the camera sees what is at x, y.
-    - ``drive(time, place, speed, *p)`` [m/s^2] along the path of a body that is held on one, a bob's arc or a track:
-      `time` [s] on the clock of the record, `place` [m] along the path.  Only the diagnosis's own formulas have it.
+    - ``restitution(e, speed, radius, mass, *p)``: coefficient at an impact `speed` [m/s], from its value at 1 m/s.
+    - ``rolling(mu, speed, radius, *p)``: rolling friction (tangent of the angle) at a speed.
+    - ``sliding(mu, speed, waiting, *p)``: kinetic friction coefficient.
+    - ``onset(mu, waiting, normal, *p)``: friction coefficient at which sliding starts; `waiting` [s], `normal` [N].
+    - ``attraction(overlap, radius, modulus, *p)`` [N]: attractive force of two bodies in contact, with the effective
+      `radius` [m] and `modulus` [Pa]; ``neck(radius, modulus, *p)`` [m] is the distance at which it ends.
+    - ``exposure(time, x, y, *p)``: true time [s] of a row with the time stamp `time`.
+    - ``view(x, y, *p) -> (x, y)`` [m]: position at which the camera sees a point at x, y.
+    - ``drive(time, place, speed, *p)`` [m/s^2] along the path of a guided body, a bob's arc or a track: `time` [s] on
+      the clock of the record, `place` [m] along the path.  Only the formulas of the diagnosis have it.
+
+    Examples
+    --------
+    >>> from rigtwin.sim.effects import named
+    >>> named("air_drag").equation
+    'F = rho_air C_D pi R^2 v^2 / 2'
     """
 
     name: str
@@ -67,7 +138,6 @@ class Effect:
     source: str
     synonyms: tuple[str, ...] = ()
     family: str = ""
-    """Effects of one family are forms of one thing: told apart only where the data can."""
     force: Hook | None = None
     torque: Hook | None = None
     restitution: Hook | None = None
@@ -80,28 +150,13 @@ class Effect:
     view: Hook | None = None
     drive: Hook | None = None
     geometry: str = ""
-    """Name of the rig's own quantity that the first parameter shifts: ``"level"``, ``"length"``, ``"release_spin"``,
-    ``"rod_mass"``, ``"release_speed"``, ``"jitter"``, ``"scatter"``."""
     splits: str = ""
-    """The experiment that tells this effect from those that look alike."""
-
     aimed: bool = False
-    """Whether its force in flight or its torque on a thread pushes to a side of its own, towards positive x for a
-    positive number, whichever way the bead moves."""
     steep: bool = False
-    """Whether its force on a bead in flight changes much within a radius of the plate."""
     edges: Hook | None = None
-    """``edges(*p) -> (lowest, width)`` [m] of a force on a bead in flight that sets in or ends anywhere on it: the
-    height of its lowest edge, and the length within which it grows by a factor e there."""
     flat: bool = False
-    """Whether the effect has no slope at zero, so that a fit from there would stay there."""
-
     even: bool = False
-    """Whether the sign of its first parameter says nothing: a fit that ends below zero means the same above."""
-
     special: bool = False
-    """Whether it takes what not every lab has, so that it is named only where the data speak for it clearly before the
-    plain forms of its family; where they explain the data nearly as well, they are told beside it."""
 
     @property
     def group(self) -> str:

@@ -1,6 +1,6 @@
 """Nameless terms whose shape is fitted: a band of heights, a decay, a period.
 
-Each has coefficients that it is linear in, and numbers of its shape that are looked for on a grid and then fitted.
+Each has linear coefficients, and non-linear shape parameters that are searched on a grid and then fitted.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ import numpy as np
 from rigtwin.sim.effects.effect import Effect, Hook, Parameter
 
 E = 2.718281828459045
-EDGE = 15.0  # a band's width over that of its edges
-REACHES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # of the highest height
-EDGES = (-0.05, 0.05, 0.1, 0.18, 0.28, 0.4, 0.55, 0.75, 1.1)  # ... or the longest way, between any two of which it acts
+EDGE = 15.0  # width of a band over the width of its edges
+REACHES = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32)  # decay lengths over the greatest height
+# band edges over the greatest height or the longest path; a band acts between any two of them
+EDGES = (-0.05, 0.05, 0.1, 0.18, 0.28, 0.4, 0.55, 0.75, 1.1)
 FEWEST_CYCLES, MOST_CYCLES = 0.7, 25.0  # in the longest motion
-PER_CYCLE = 4.0  # periods looked at, per cycle that all motions together span
-MOST_PERIODS = 400  # from the longest on: where a record is long against its motions, the shortest are not reached
+PER_CYCLE = 4.0  # trial periods per cycle in the span of all motions together
+MOST_PERIODS = 400  # counted from the longest; a record long against its motions does not reach the shortest ones
 TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A term with the numbers of its shape free, and where to begin with them."""
+    """A term with free shape parameters, and the grid of their starting values."""
 
     effect: Effect
     linear: tuple[str, ...]
@@ -35,16 +36,16 @@ class Shape:
 
     @property
     def shaping(self) -> tuple[str, ...]:
-        """The parameters that the term is not linear in."""
+        """Names of the parameters in which the term is non-linear."""
         return tuple(p.name for p in self.effect.parameters if p.name not in self.linear)
 
     @property
     def cost(self) -> float:
-        """What a gain in deviance must pay for the search on the grid and the fit of the shape."""
+        """Penalty on the gain in deviance, for the search on the grid and the fit of the shape parameters."""
         return 2 * math.log(len(self.grid)) + 2 * len(self.shaping)
 
     def frozen(self, number: int) -> Effect:
-        """The term in the shape of this place of the grid: linear in all its parameters."""
+        """The term with the shape parameters of this grid point: linear in all its remaining parameters."""
         fixed = self.grid[number]
         hook = "force" if self.effect.force is not None else "drive"
         whole: Hook = getattr(self.effect, hook)
@@ -61,7 +62,7 @@ class Shape:
 
 
 def near(place: Any, reach: Any) -> Any:
-    """1 at zero, and less by 1/e with each reach."""
+    """1 at zero, decaying by a factor e per `reach`."""
     return E ** (-abs(place) / (abs(reach) + 1e-6))
 
 
@@ -70,7 +71,7 @@ def width_of_edge(low: Any, high: Any) -> Any:
 
 
 def between(place: Any, low: Any, high: Any) -> Any:
-    """1 from low to high and 0 elsewhere, with edges that a fit can move."""
+    """1 from low to high and 0 elsewhere, with smooth edges so that a fit can move them."""
     edge = width_of_edge(low, high)
     return 1.0 / ((1.0 + E ** ((low - place) / edge)) * (1.0 + E ** ((place - high) / edge)))
 
@@ -115,11 +116,11 @@ def stretch(time: Any, place: Any, speed: Any, c: Any, low: Any, high: Any) -> A
 
 @dataclass(frozen=True)
 class Extent:
-    """How far the motions of a lab reach."""
+    """Extent of the motions of a lab, in time and length."""
 
     time: float  # [s], the longest motion
-    clock: float  # [s], from the first moment in which anything moves, in any record, to the last
-    way: float  # [m], the highest fall or the longest ride
+    clock: float  # [s], from the first motion in any record to the last
+    way: float  # [m], the greatest height of fall or the longest path
 
 
 def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
@@ -163,7 +164,7 @@ def shapes(rig: str, extent: Extent) -> tuple[Shape, ...]:
 
 
 def _periods(longest: float, span: float) -> tuple[tuple[float, ...], ...]:
-    """Periods of a periodogram: as fine as motions that span so much can tell them."""
+    """Trial periods of a periodogram, at the resolution that the span of the motions permits."""
     first, step = FEWEST_CYCLES / longest, 1 / (PER_CYCLE * span)
     count = min(int((MOST_CYCLES / longest - first) / step) + 1, MOST_PERIODS)
     return tuple((1 / float(first + k * step),) for k in range(count))

@@ -1,7 +1,7 @@
-"""Nameless terms: what a disagreement looks like when no listed effect describes it.
+"""Nameless terms: candidate formulas for a deviation that no effect of the catalogue describes.
 
-Each is a plain term of a force (per mass), of a torque (per moment of inertia) or of the law of an impact, with one
-free coefficient: an effect like any other, so that a formula found in the residuals can stand in a model file.
+Each is a simple term of a force (per mass), of a torque (per moment of inertia) or of the restitution, with one free
+coefficient.  It is an `Effect` like any other, so a formula found in the residuals can be used in a model file.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rigtwin.sim.effects.nameless_shapes import Extent, shapes
 E = 2.718281828459045
 PREFIX = "form:"
 Kind = tuple[str, dict[str, tuple[str, str, float, Callable[..., Any]]], str]
-"""What the terms are of, the terms themselves, and the hook where they enter."""
+"""Physical quantity of the terms, the terms by name, and the hook where they enter."""
 
 
 # in flight: force [N] from the velocity and the height of the lowest point
@@ -188,7 +188,7 @@ TRACK = {
 
 @cache
 def nameless(rig: str) -> tuple[Effect, ...]:
-    """The terms that can act in a rig, as effects with one free coefficient: those that every verdict is held to."""
+    """The terms of a rig, as effects with one coefficient; every verdict of the diagnosis is tested against them."""
     kinds: dict[str, tuple[Kind, ...]] = {
         "drop": (("force per mass", FLIGHT, "force"), ("restitution", IMPACT, "restitution")),
         "pendulum": (("angular acceleration", SWING, "torque"),),
@@ -201,7 +201,7 @@ def nameless(rig: str) -> tuple[Effect, ...]:
 
 @cache
 def beside(rig: str) -> tuple[Effect, ...]:
-    """Further terms, that are asked only once no listed effect explains a disagreement."""
+    """Further terms, tried only after no effect of the catalogue explains a deviation."""
     return _effects(rig, (("force per mass", FLIGHT_BESIDE, "force"),) if rig == "drop" else ())
 
 
@@ -225,12 +225,12 @@ def _effects(rig: str, kinds: tuple[Kind, ...]) -> tuple[Effect, ...]:
 
 
 def form(name: str) -> Effect:
-    """The nameless term of this name in a model file.  Raises `BadInput` where no twin can carry it."""
+    """The nameless term of this name in a model file.  Raises `BadInput` where no simulation implements it."""
     ways = {shape.effect.name for rig in ("pendulum", "roll", "slide") for shape in shapes(rig, Extent(1.0, 1.0, 1.0))}
     if name.removeprefix(PREFIX) in TRACK or name in ways:
         raise BadInput(
-            f"effect {name}: an acceleration along a track or by the clock was found in residuals, and no twin carries "
-            "that yet; take it out of the model file."
+            f"effect {name}: an acceleration along a track or by the clock is a formula of the diagnosis that no "
+            "simulation implements; remove it from the model file."
         )
     free = tuple(shape.effect for shape in shapes("drop", Extent(1.0, 1.0, 1.0)))
     known = {term.name: term for term in (*free, *beside("drop"), *nameless("double"), *nameless("drop"))}

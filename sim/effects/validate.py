@@ -1,4 +1,4 @@
-"""An effect's functions tried on plausible numbers, before a fit or a compiled step meets what is wrong in them."""
+"""Test calls of an effect's functions on plausible numbers, to find errors before a fit or a compiled step."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ TRIED = {
     "exposure": (TIME, WAY, SPEED),
     "view": (WAY, SPEED),
 }
-HEIGHTS = (0.002, 0.05, 0.3, 0.7, 1.5)  # [m], at which a push is looked at from both sides
-PAIRS = ("force", "view")  # these give two numbers, the others one
+HEIGHTS = (0.002, 0.05, 0.3, 0.7, 1.5)  # [m], at which the mirror symmetry of a force is tested
+PAIRS = ("force", "view")  # hooks that return two numbers; the others return one
 
 
 def check(effect: Effect, path: Path) -> None:
-    """Call each hook with the parameters' typical values.
+    """Call each hook with the typical values of the parameters.
 
-    Raises `BadInput` where one fails, gives another count of numbers than it must, or what is no number.
+    Raises `BadInput` where a hook fails, returns a wrong count of numbers, or a value that is not finite.
     """
     if not effect.parameters:
         raise BadInput(f"{path}: effect {effect.name} has no parameter; give it at least one, whose size is fitted.")
     if effect.drive is not None:
         raise BadInput(
-            f"{path}: effect {effect.name} has a drive, which only formulas of the diagnosis can have; write it as a "
-            "force or a torque."
+            f"{path}: effect {effect.name} has a drive hook, which is reserved for formulas of the diagnosis; write it "
+            "as a force or a torque."
         )
     typical = [parameter.typical for parameter in effect.parameters]
     for hook, motion in TRIED.items():
@@ -52,18 +52,18 @@ def check(effect: Effect, path: Path) -> None:
                 given = function(*motion, *typical)
         except Exception as error:
             raise BadInput(
-                f"{where} fails on {len(motion)} numbers of the motion and {len(typical)} of its own "
+                f"{where} fails when called with {len(motion)} arguments of the motion and {len(typical)} parameters "
                 f"({type(error).__name__}: {error}); correct it."
             ) from error
         if hook in PAIRS and not (isinstance(given, tuple) and len(given) == 2):
-            raise BadInput(f"{where} must give two numbers, along x and y; end it with: return first, second")
+            raise BadInput(f"{where} must return two numbers, along x and y; end it with: return first, second")
         for one in given if hook in PAIRS else (given,):
             if np.shape(one) not in ((), (3,)) or not np.all(np.isfinite(np.asarray(one, dtype=float))):
-                raise BadInput(f"{where} gives what is no finite number at its typical parameters; correct it.")
+                raise BadInput(f"{where} returns a value that is not finite at its typical parameters; correct it.")
 
 
 def one_sided(effect: Effect) -> bool:
-    """Whether a mirror image of the motion does not feel the mirror image of the push: it has a side of its own."""
+    """Whether the force or torque of the mirrored motion is not the mirrored one: it has a fixed direction."""
     typical = [parameter.typical for parameter in effect.parameters]
     across, up = (one.ravel() for one in np.meshgrid(SPEED, SPEED))
     for height in HEIGHTS:
@@ -85,5 +85,5 @@ def one_sided(effect: Effect) -> bool:
 def _same(one: Any, other: Any) -> bool:
     there, back = np.asarray(one, dtype=float), np.asarray(other, dtype=float)
     if not (np.isfinite(there).all() and np.isfinite(back).all()):
-        return True  # what is no number says nothing
+        return True  # values that are not finite are no evidence of asymmetry
     return np.allclose(there, back, rtol=1e-6, atol=1e-6 * float(np.abs(there).max(initial=0.0)))

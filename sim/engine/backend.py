@@ -1,6 +1,6 @@
-"""The one place where Taichi is imported and started; swap the engine's language here.
+"""Import and start of Taichi, in one place.
 
-Taichi talks on stdout (a banner at import, a line at start); stdout belongs to the result, so both are kept quiet.
+Taichi prints on stdout (a banner at import, a line at start).  stdout is reserved for results, so both are suppressed.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from typing import Any
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.sim.engine.device import DEVICES, Device
 
-GRAIN = 512  # on CPUs Taichi gives a thread at least so many rounds of a parallel loop
+GRAIN = 512  # smallest number of iterations of a parallel loop that Taichi gives to a thread on CPUs
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-# kernels print nothing; otherwise Taichi tells a caller who replaced stdout of a shell
+# kernels print nothing; without this Taichi prints a notice where stdout has been replaced
 os.environ.setdefault("TI_ENABLE_PYBUF", "0")
 
 
 @contextlib.contextmanager
 def _no_collecting() -> Iterator[None]:
-    """Meanwhile Python does not look for rubbish: what is made here is many small things that all stay."""
+    """Pause the garbage collector: many small objects are created, all of which stay alive."""
     collects = gc.isenabled()
     gc.disable()
     try:
@@ -44,8 +44,9 @@ def _no_collecting() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _quick_frames() -> Iterator[None]:
-    """Meanwhile the source line of a frame is found without a search through all modules, which Taichi's decorators
-    make some hundred times while it is imported.
+    """Replace `inspect.getframeinfo` by a version without a search through all modules.
+
+    Taichi's decorators call it some hundred times during the import.
     """
 
     def quick(frame: Any, context: int = 1) -> Any:
@@ -62,10 +63,10 @@ def _quick_frames() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _left_out() -> Iterator[None]:
-    """Meanwhile two modules are empty that Taichi imports but that nothing here calls.
+    """Replace two modules that Taichi imports, and that are not needed here, by empty ones.
 
-    One asks a server for a newer Taichi at every first start of a day, which nobody who simulates has agreed to, and
-    loads half of Python's network library for it; the other finds the source of what is typed into a shell.
+    `taichi._version_check` asks a server for a newer version at the first start of a day, to which the user has not
+    agreed, and imports Python's network libraries for it.  `dill` finds the source of functions typed into a shell.
     """
     empty = {name: types.ModuleType(name) for name in ("taichi._version_check", "dill") if name not in sys.modules}
     for module in empty.values():
@@ -83,15 +84,15 @@ with warnings.catch_warnings(), _quick_frames(), _no_collecting(), _left_out():
     import taichi
 
 ti: Any = taichi
-LEAN = (1, 7, 4)  # the Taichi whose start is made leaner
+LEAN = (1, 7, 4)  # version of Taichi for which the start is patched
 
 
 def _make_start_lean() -> None:
-    """Spare what Taichi does for every line of every kernel at each start, whether the kernel is cached or not.
+    """Patch Taichi to avoid work that it repeats at each start for every line of every kernel, cached or not.
 
-    It lays out each expression's source for messages that are hardly ever printed, looks through all modules to find
-    out whether a function is part of a class, and reads and folds a function's source anew wherever it is called:
-    together more than half of the Python side of a start.  The answers stay the same, but for the look of a message.
+    Taichi formats the source of each expression for error messages, searches all modules to find out whether a
+    function belongs to a class, and reads and wraps a function's source again at each call: together more than half of
+    the time that a start spends in Python.  The results are the same, except for the layout of error messages.
     """
     from taichi.lang import kernel_impl
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
@@ -108,7 +109,7 @@ def _make_start_lean() -> None:
 
     @functools.cache
     def source(function: Any) -> tuple[list[str], int]:
-        """Its lines and the number of the first; Python itself reads them token by token to find the last."""
+        """Source lines and number of the first; faster than `inspect`, which tokenises the source to find the last."""
         code = function.__code__
         last = max(end or 0 for _, end, _, _ in code.co_positions())
         return linecache.getlines(code.co_filename)[code.co_firstlineno - 1 : last], code.co_firstlineno
@@ -137,7 +138,7 @@ class Backend:
 
     device: Device
     threads: int
-    note: str = ""  # why the device is not the one that was asked for
+    note: str = ""  # reason if the device is not the requested one
 
 
 _running: Backend | None = None
@@ -149,11 +150,11 @@ def available_threads() -> int:
 
 
 def start(threads: int | None = None, device: Device = "cpu") -> Backend:
-    """Start Taichi once per process and say where it runs; later calls return the running backend.
+    """Start Taichi once per process and return the backend; later calls return the running one.
 
-    float64, no fast-math, compiled kernels cached on disk between processes.  `device` "cuda" falls back to the CPU
-    with a note where there is no CUDA device, "auto" takes what already runs, else CUDA where it is there.  A process
-    has one device: all fields lie on it.  Never fork after this call: a forked child hangs, spawn it instead.
+    float64, no fast-math; compiled kernels are cached on disk between processes.  `device` "cuda" falls back to the
+    CPU with a note if there is no CUDA device; "auto" uses the running backend, else CUDA if there is one.  A process
+    has one device, which holds all fields.  Do not fork after this call: a forked child hangs; spawn it instead.
     """
     global _running  # noqa: PLW0603  Taichi itself is one global per process
     if device not in DEVICES:
@@ -180,7 +181,7 @@ def start(threads: int | None = None, device: Device = "cpu") -> Backend:
             default_fp=ti.f64,
             fast_math=False,
             offline_cache=True,
-            # this pass takes longer than all others together and gains nothing that LLVM does not: measured
+            # measured: this pass takes longer than all others together and gains nothing over LLVM's own
             cfg_optimization=False,
             cpu_max_num_threads=workers,
             log_level=ti.ERROR,
@@ -191,14 +192,14 @@ def start(threads: int | None = None, device: Device = "cpu") -> Backend:
 
 
 def running() -> Backend:
-    """Where the engine runs in this process, be it a GPU; where it does not run yet it starts on the CPU."""
+    """The running backend of this process; started on the CPU if there is none yet."""
     return _running or start()
 
 
 def prepared(kernel: Any, *templates: Any) -> Callable[[], Any]:
-    """A kernel that takes nothing but templates, ready to be launched many times.
+    """Return a launcher of a kernel whose arguments are all templates.
 
-    Taichi looks its arguments and its code up anew at each call, which may take longer than a step of few beads.
+    At an ordinary call Taichi looks up arguments and code again, which may take longer than a step of few beads.
     """
     if taichi.__version__ != LEAN:
         return lambda: kernel(*templates)
@@ -219,6 +220,6 @@ def _cuda_present() -> bool:
 
 @contextlib.contextmanager
 def _quiet_stdout() -> Iterator[None]:
-    """Send what is printed meanwhile, by Python or by Taichi's own library, to nowhere."""
+    """Discard what Python or Taichi's library prints in this context."""
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):  # noqa: PTH123
         yield

@@ -1,7 +1,7 @@
-"""Forces in one contact: Hertz-Mindlin with tangential history, and rolling resistance.
+"""Contact law: Hertz-Mindlin or linear springs with tangential history, and rolling resistance.
 
-One law serves every pair, sphere on sphere and sphere on wall, in the few-body path and in the bulk engine.
-The first half prepares the numbers of a pair of materials; the second half is the Taichi function that uses them.
+The same law is used for sphere-sphere and sphere-wall contacts, with few bodies and in the bulk engine.  The first half
+computes the constants of a pair of materials; the second half holds the Taichi functions that use them.
 """
 
 import math
@@ -20,13 +20,13 @@ Rolling = Literal["type A", "type A explicit", "type C"]
 ROLLING: tuple[Rolling, ...] = ("type A", "type A explicit", "type C")
 ContactLaw = Literal["Hertz-Mindlin", "linear"]
 CONTACT_LAWS: tuple[ContactLaw, ...] = ("Hertz-Mindlin", "linear")
-IMPACT_SPEED = 1.0  # [m/s], at which a linear spring is as stiff as Hertz's contact, where none is given
+IMPACT_SPEED = 1.0  # [m/s], default impact speed at which a linear spring is as stiff as Hertz's contact
 
 # columns of a table of pair laws
 STIFFNESS, SHEAR, DAMPING, FRICTION, ROLLING_FRICTION, SHEAR_ROOT, SPEED = range(7)
 LAW_SIZE = 7
 
-# columns of the constants of a contact: all that does not change while it lasts, see `contact_constants`
+# columns of the constants of a contact, which do not change during the contact; see `contact_constants`
 NORMAL, TANGENTIAL, DASHPOT, DASHPOT_T, DASHPOT_R, LAGS, LAGS_T, LAGS_R = range(8)
 SLIDES, ROLLS, ROLLING_RADIUS, SHARE = range(8, 12)
 CONSTANTS = 12
@@ -35,14 +35,14 @@ CONSTANTS = 12
 RADIUS, MASS, INERTIA, LIGHTNESS, NIMBLENESS = range(5)
 SIZES_OF_KIND = 5
 
-LAG = 0.25  # how far a dashpot's own force is counted against it, in steps; see contact_forces
+LAG = 0.25  # [steps], weight of a dashpot's own force in its velocity; see `contact_forces`
 ROOT_6_5 = math.sqrt(6 / 5)
-ROLLING_DAMPING = 0.05  # of critical; more than a tenth rings where many contacts meet
+ROLLING_DAMPING = 0.05  # damping ratio; above 0.1 beads with many contacts oscillate
 
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Which laws a simulation's contacts go by; kernels are compiled for one choice."""
+    """Contact and rolling laws of a simulation; kernels are compiled for one choice."""
 
     contact: ContactLaw = CONTACT_LAWS[0]
     rolling: Rolling = "type C"
@@ -62,18 +62,18 @@ class Mechanics:
 
     @property
     def constant_torque(self) -> bool:
-        """Whether rolling is resisted by a constant torque."""
+        """Whether rolling resistance is a constant torque."""
         return self.rolling != "type C"
 
     @property
     def holds(self) -> bool:
-        """Whether rolling resistance also holds what rests (see `contact_forces`)."""
+        """Whether rolling resistance also holds bodies at rest (see `contact_forces`)."""
         return self.rolling == "type A"
 
 
 @dataclass(frozen=True)
 class PairLaw:
-    """What the contact law needs of two materials and their contact."""
+    """Constants of the contact law for two materials and their contact."""
 
     effective_modulus: float  # E* [Pa]
     effective_shear: float  # G* [Pa]
@@ -84,7 +84,7 @@ class PairLaw:
 
     @property
     def row(self) -> tuple[float, ...]:
-        # a dashpot goes with the root of its stiffness: the tangential one is the normal one times the last column
+        # a dashpot scales with the square root of its stiffness: tangential = normal times shear_root
         shear_root = math.sqrt(4 * self.effective_shear / self.effective_modulus)
         return (
             self.effective_modulus, self.effective_shear, self.damping, self.friction, self.rolling_friction,
@@ -109,25 +109,25 @@ def pair_law(one: Material, other: Material, contact: Contact, impact_speed: flo
 
 
 def linear_stiffness(modulus: Array, radius: Array, mass: Array, impact_speed: Array) -> Array:
-    """The linear springs [N/m] that are pressed as deep as Hertz contacts by impacts at these speeds, undamped.
+    """Stiffness [N/m] of a linear spring with the same overlap as a Hertz contact in an undamped impact at this speed.
 
-    All of them effective: modulus [Pa], radius [m], mass [kg].
+    Effective modulus [Pa], radius [m] and mass [kg].
     """
     hertz = 16 / 15 * modulus * radius**0.5
     return np.asarray(hertz**0.8 * (mass * impact_speed**2) ** 0.2)
 
 
 def damping_ratio(restitution: float) -> float:
-    """Damping ratio psi of a contact without tension that returns this restitution, at any speed, linear or Hertz.
+    """Damping ratio psi of a contact without tension for a restitution, at any speed, linear or Hertz.
 
     With y = x^(5/4) and d(tau) = x^(1/4) dt the damped Hertz oscillator becomes the linear one (Antypov and Elliott
-    2011, EPL 94, 50004).  The contact lets go when its force reaches zero, not its overlap (Schwager and Poeschel
+    2011, EPL 94, 50004).  The contact ends when its force, not its overlap, reaches zero (Schwager and Poeschel
     2007), which gives, with psi = sin(a) below and psi = cosh(b) above critical damping::
 
         -ln e = (pi - 2 a) tan(a)        e >= exp(-2)
         -ln e = 2 b coth(b)              e <  exp(-2)
 
-    The usual psi = -ln e / sqrt(pi^2 + ln^2 e) lets the contact pull, and returns 0.487 for 0.42 once it may not.
+    The usual psi = -ln e / sqrt(pi^2 + ln^2 e) allows tension; without tension it gives 0.487 instead of 0.42.
 
     >>> damping_ratio(1.0)
     0.0
@@ -145,7 +145,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a rising function is zero.  By halving: SciPy takes longer to import than a short run to simulate."""
+    """Root of an increasing function by bisection; importing SciPy would take longer than a short simulation."""
     for _ in range(100):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if function(middle) < 0 else (low, middle)
@@ -154,10 +154,10 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
 
 @ti.func
 def turned(vector, normal):
-    """A tangential history vector carried into the tangent plane of the turned contact, its length kept.
+    """Rotate a tangential history vector into the tangent plane of the turned contact, keeping its length.
 
-    Within a step a contact turns by little: the root that keeps the length is taken by its Pade approximant, which
-    errs by 1e-10 of the length where the contact turned by three degrees.
+    A contact turns little within a step.  The square root that keeps the length is replaced by its Pade approximant,
+    whose relative error is 1e-10 at a rotation of three degrees.
     """
     along = vector.dot(normal)
     flat = vector - normal * along
@@ -169,10 +169,10 @@ def turned(vector, normal):
 def contact_constants(
     law, radius_eff, mass_eff, rolling_radius, rolling_inertia, share, step, linear: ti.template()
 ):  # fmt: skip
-    """All that does not change while a contact lasts; `share` is the part of the distance that is on i's side.
+    """Constants of a contact; `share` is the fraction of the distance of the centres on the side of body i.
 
-    Hertz's stiffnesses go with the root of the overlap and dashpots with the root of that: here are their factors.
-    Those of a linear contact are constant, the tangential one in the same proportion to the normal one.
+    Hertz's stiffnesses are proportional to the square root of the overlap, dashpots to its fourth root: these are the
+    factors.  The stiffnesses of a linear contact are constant, with the same ratio of tangential to normal.
     """
     normal = 2.0 * law[STIFFNESS] * ti.sqrt(radius_eff)
     tangential = 8.0 * law[SHEAR] * ti.sqrt(radius_eff)
@@ -182,13 +182,13 @@ def contact_constants(
         energy = mass_eff * law[SPEED] * law[SPEED]
         normal = (16.0 / 15.0 * law[STIFFNESS] * ti.sqrt(radius_eff)) ** 0.8 * energy**0.2
         tangential = normal * law[SHEAR_ROOT] * law[SHEAR_ROOT]
-        # 2 psi of the law's 2 sqrt(5/6) psi
+        # from the law's 2 sqrt(5/6) psi to 2 psi
         dashpot = ROOT_6_5 * law[DAMPING] * ti.sqrt(normal * mass_eff)
     dashpot_t = dashpot * law[SHEAR_ROOT]
-    # the spring against rolling is the tangential one at the end of the rolling radius
+    # the rolling spring is the tangential spring acting at the rolling radius
     dashpot_r = 2.0 * ROLLING_DAMPING * rolling_radius * ti.sqrt(tangential * rolling_inertia)
     lag = LAG * step
-    # a tangential force also turns the spheres: the contact moves as if its mass were 2/7
+    # a tangential force also rotates the spheres: the effective mass of the tangential motion is 2/7
     return ti.Vector(
         [
             normal,
@@ -209,7 +209,7 @@ def contact_constants(
 
 @ti.func
 def constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, step, linear: ti.template()):
-    """The constants of a contact of two spheres."""
+    """Constants of a contact of two spheres."""
     both = radius + radius_j
     radius_eff = radius * radius_j / both
     return contact_constants(
@@ -220,28 +220,29 @@ def constants_of_two(law, radius, radius_j, mass, mass_j, inertia, inertia_j, st
 
 @ti.func
 def braked(spin, most):
-    """A spin [rad/s] from which resistance against rolling of type A takes up to `most`: never more than all."""
+    """Spin [rad/s] reduced by rolling resistance of type A, by up to `most` but not below zero."""
     size2 = spin.norm_sqr()
     left = 0.0 * spin
-    if size2 > most * most:  # what rests needs neither root nor division
+    if size2 > most * most:  # avoids root and division for bodies at rest
         left = spin * ti.max(0.0, 1.0 - most * (ti.sqrt(size2) * (1.0 / (size2 + 1e-300))))
     return left
 
 
 @ti.func
 def reach(lever, radius, normal):
-    """How far from its body's centre of mass a bead is touched towards `normal`, in radii of the bead.
+    """Distance from a body's centre of mass to the contact of a bead in direction `normal`, in radii of the bead.
 
-    `lever` [m] leads from the centre of mass to the bead's own centre.
+    `lever` [m] is the vector from the centre of mass to the centre of the bead.
     """
     return (lever + radius * normal).norm() / radius
 
 
 @ti.func
 def what_turned(before, after, step):
-    """The angular acceleration (or torque) that changed a spin (or angular momentum) in a braked step.
+    """Angular acceleration (or torque) that changed a spin (or angular momentum) in a step with braking.
 
-    None where it was stopped: it stays so, and what it will be at the end of the step is told from this.
+    It is zero if the spin was stopped: the body then stays at rest, and its spin at the end of the step is computed
+    from this value.
     """
     rate = (after - before) / step
     if after.norm_sqr() == 0.0:
@@ -253,30 +254,33 @@ def what_turned(before, after, step):
 def contact_forces(
     overlap, normal, velocity, spin_i, spin_j, constants, slip, roll, step, mechanics: ti.template()
 ):  # fmt: skip
-    """Force on body i, Hertz-Mindlin or linear, and what resists rolling.
+    """Contact force on body i (Hertz-Mindlin or linear) and rolling resistance.
 
-    `normal` points from i to j, `velocity` [m/s] is that of i's surface relative to j's at the contact in the middle
-    of the step that led here, `slip` [m] and `roll` [rad] are the stored histories.  Stiffnesses S_n = 2 E* sqrt(R* d)
-    and S_t = 8 G* sqrt(R* d); spring 2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*) v; no tension; |F_t| <= mu F_n
-    (Hlosta et al. 2020, eqs 1 and 2 with the velocity outside the root).  The linear law has constant stiffnesses and
-    dashpots 2 psi sqrt(S m*) instead; all else is the same.
+    `normal` points from i to j.  `velocity` [m/s] is the velocity of i's surface relative to j's at the contact, in the
+    middle of the previous step.  `slip` [m] and `roll` [rad] are the stored histories.
 
-    A dashpot fed with the velocity of mid-step takes too much energy, one that solves for the velocity at the end of
-    the step too little; half of that correction (LAG) returns the restitution put in to 0.5 % on average even where a
-    contact lasts only eight steps, and leaves a static contact exactly Hertzian.
+    Stiffnesses S_n = 2 E* sqrt(R* d) and S_t = 8 G* sqrt(R* d); spring 2/3 S_n d; dashpots 2 sqrt(5/6) psi sqrt(S m*)
+    v; no tension; |F_t| <= mu F_n (Hlosta et al. 2020, eqs 1 and 2, with the velocity outside the root).  The linear
+    law has constant stiffnesses and dashpots 2 psi sqrt(S m*) instead; the rest is the same.
 
-    Rolling resistance, torque limit mu_r F_n R on each sphere (EDEM's convention): type A acts against each body's
-    own spin, which it stops but never turns back; for a clump R is the distance from the contact to its centre of mass
-    (see `reach`).  Only a body knows what else turns it, so a contact gives its share of the limit, mu_r F_n, and
-    whatever moves the body brakes it once with the sum of all (see `braked`).  "type A explicit" takes at most the spin
-    that there is when the step begins, and what the other torques of the step add stays: what type A would hold turns
-    on, by the other torque times the step over the inertia.  Type C is an elastic-plastic spring-dashpot against the
-    relative rolling (Ai et al. 2011) with spring S_t R^2.
+    A dashpot with the mid-step velocity dissipates too much energy, one that solves for the velocity at the end of the
+    step too little.  Half of that correction (LAG) reproduces the restitution to 0.5 % on average, even if a contact
+    lasts only eight steps, and leaves a static contact exactly Hertzian.
 
-    Returns force on i (on j the opposite), torque of type C on i (on j the opposite), mu_r F_n of type A, new slip, new
-    roll.
+    Rolling resistance has the torque limit mu_r F_n R on each sphere (EDEM's convention):
+
+    - Type A acts against each body's own spin.  It stops the spin but does not reverse it.  For a clump R is the
+      distance from the contact to the centre of mass (see `reach`).  The other torques on a body are not known in a
+      contact; the contact therefore returns its part of the limit, mu_r F_n, and the integration of the body applies
+      the sum of all parts once (see `braked`).
+    - "type A explicit" removes at most the spin at the beginning of the step.  The spin that other torques add in the
+      step remains, so a body that type A holds keeps turning, by the other torque times the step over the inertia.
+    - Type C is an elastic-plastic spring-dashpot against the relative rolling (Ai et al. 2011) with spring S_t R^2.
+
+    Returns the force on i (on j the opposite), the torque of type C on i (on j the opposite), mu_r F_n of type A, the
+    new slip and the new roll.
     """
-    # roots and divisions are most of the cost of a contact: there are as few as can be
+    # roots and divisions dominate the cost of a contact; their number is kept small
     root, fourth_root, secant = 1.0, 1.0, 1.0
     if ti.static(not mechanics.linear):
         root = ti.sqrt(overlap)
@@ -307,7 +311,7 @@ def contact_forces(
     if ti.static(mechanics.constant_torque):
         grip = constants[ROLLS] * push
     elif constants[ROLLS] > 0.0:
-        # the spring resists rolling; the dashpot twisting too, else beads in a resting pile spin on like tops
+        # the spring resists rolling only, the dashpot also twisting, or beads in a pile at rest would keep spinning
         rate = spin_i - spin_j
         rolling_radius = constants[ROLLING_RADIUS]
         stiff_r = stiff_t * rolling_radius * rolling_radius
@@ -317,7 +321,7 @@ def contact_forces(
         torque2 = torque.norm_sqr()
         if torque2 > most * most:
             torque *= most / ti.sqrt(torque2)
-            # 1 over the spring's stiffness; the division by a constant is made once
+            # inverse stiffness of the spring; the compiler evaluates the division by a constant once
             soft_r = soft_t * (1.0 / (rolling_radius * rolling_radius))
             new_roll = (torque.dot(normal) * normal - torque) * soft_r
     return drag - push * normal, torque, grip, new_slip, new_roll

@@ -1,4 +1,4 @@
-"""The devices that the engine may run on, told without starting it."""
+"""Names of the devices on which the engine can run; importing this module does not start Taichi."""
 
 from typing import Literal, get_args
 

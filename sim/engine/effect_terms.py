@@ -1,8 +1,7 @@
-"""What effects add to the equations of motion: their own arithmetic, compiled into the step.
+"""Effects in the equations of motion: the functions of the effect files, compiled into the time step.
 
-An effect's file says how it acts as plain functions of numbers; the very same functions are compiled here, so the
-engine and the reduced models cannot disagree.  Which effects are active is known when the step is compiled: without
-any, the compiled step is what it was.  Their parameters are data.
+The same functions are used by the reduced models, so the two cannot disagree.  The set of active effects is fixed when
+the step is compiled; without effects the compiled step is unchanged.  The parameters are data.
 """
 
 from __future__ import annotations
@@ -31,20 +30,20 @@ HALF = 0.5
 
 DAMPING_FACTOR = 2 * math.sqrt(5 / 6)  # from a damping ratio to the law's column DAMPING
 
-# the hooks that act in the engine, and how many numbers each gets before its parameters
+# hooks that the engine evaluates, and their number of arguments before the parameters
 HOOKS = {"force": 5, "torque": 4, "restitution": 4, "attraction": 3, "neck": 2}
 
 
 @dataclass(frozen=True)
 class Active:
-    """An effect with the values of its parameters, in SI and in their order."""
+    """An effect with the values of its parameters, in SI units and in their order."""
 
     effect: Effect
     values: tuple[float, ...]
 
 
 def active(effect: str | Effect, /, **parameters: float) -> Active:
-    """An effect switched on; parameters that are not given take what physics predicts, else their typical value.
+    """Effect with parameter values; default: the predicted value if there is one, else the typical value.
 
     >>> active("air_drag").values
     (0.44,)
@@ -67,9 +66,9 @@ def active(effect: str | Effect, /, **parameters: float) -> Active:
 
 
 def acting(effects: Effects, *, pivots: bool = False) -> tuple[Active, ...]:
-    """Those of a model's effects that move bodies, torques of pivots only where there are `pivots`.
+    """Effects of a model that act on the motion of bodies; pivot torques only with `pivots`.
 
-    What the camera does, or how the rig stands, is no part of the motion.
+    Effects of the camera or of the geometry of the rig are left out.
     """
     found = [active(name, **values) for name, values in effects.items()]
     hooks = [hook for hook in HOOKS if pivots or hook != "torque"]
@@ -81,29 +80,29 @@ def acting(effects: Effects, *, pivots: bool = False) -> tuple[Active, ...]:
 
 
 def acting_among(effects: Effects, particle: Particle) -> tuple[tuple[Active, ...], tuple[str, ...]]:
-    """Those of a model's effects that the bulk engine can add for such particles, and a sentence on the others."""
+    """Effects of a model that the bulk engine simulates for such particles, and a warning about the others."""
     clumps = particle.shape is not None
     active = tuple(one for one in acting(effects) if not (clumps and one.effect.force is not None))
     forces = ", and forces in flight on single spheres only" if clumps else ""
-    why = f"the engine of clumps and of many particles knows only forces on beads and contacts{forces}"
+    why = f"the bulk engine simulates only effects on beads in flight and on contacts{forces}"
     return active, left_out(effects, active, why)
 
 
 def acting_on_few(effects: Effects, *, pivots: bool = False) -> tuple[tuple[Active, ...], tuple[str, ...]]:
-    """Those that act on few bodies, torques of pivots only where there are `pivots`, and a sentence on the others."""
+    """Effects that act on few bodies, pivot torques only with `pivots`, and a warning about the others."""
     active = acting(effects, pivots=pivots)
-    why = "a twin of few bodies knows only forces, attraction, restitution and, in a pendulum, torques of its pivots"
+    why = "simulations of few bodies include only forces, attraction, restitution and, in a pendulum, pivot torques"
     return active, left_out(effects, active, why)
 
 
 def left_out(effects: Effects, active: Sequence[Active], why: str) -> tuple[str, ...]:
-    """What is to be said of the effects that are not among the active ones: one sentence, or nothing."""
+    """Warning about the effects that are not active; empty if there are none."""
     names = [name for name in effects if name not in {one.effect.name for one in active}]
     return (f"the model's {', '.join(names)} had no part in this run: {why}",) if names else ()
 
 
 def adhesion_of(effects: Sequence[Active]) -> Adhesion | None:
-    """The effects' attractions added up, and the longest of their necks; None where nothing attracts."""
+    """Sum of the effects' attractions, and the longest of their necks; None without attraction."""
     pulls = [(one.effect.attraction, one.values) for one in effects if one.effect.attraction is not None]
     necks = [(one.effect.neck, one.values) for one in effects if one.effect.neck is not None]
     if not pulls:
@@ -118,19 +117,19 @@ def adhesion_of(effects: Sequence[Active]) -> Adhesion | None:
 
 
 def terms_of(effects: Sequence[Active], place: str) -> Terms:
-    """The compiled terms of these effects, their parameters set; each `place` that simulates has its own."""
+    """Compiled terms of these effects with their parameters; each engine (`place`) has its own."""
     terms = terms_among(tuple(one.effect for one in checked(effects)), place)
     terms.load([effects])
     return terms
 
 
 def checked(effects: Sequence[Active]) -> Sequence[Active]:
-    """The same effects, if the engine can add them."""
+    """Return the effects; raise `BadInput` if the engine cannot evaluate one of them."""
     for one in effects:
         if not any(getattr(one.effect, hook, None) for hook in HOOKS):
             raise BadInput(
                 f"effect {one.effect.name}: it has no force, torque, restitution or attraction that the engine could "
-                "add; leave it to the rig or the camera."
+                "simulate; it acts in the rig or the camera only."
             )
         for hook, own in HOOKS.items():
             function = getattr(one.effect, hook, None)
@@ -138,23 +137,23 @@ def checked(effects: Sequence[Active]) -> Sequence[Active]:
             if isinstance(function, FunctionType) and function.__code__.co_argcount != takes:
                 raise BadInput(
                     f"effect {one.effect.name}: its {hook} takes {function.__code__.co_argcount} numbers and must take "
-                    f"{takes}: {own} of the motion, and its {len(one.values)} parameters."
+                    f"{takes}: {own} of the motion and {len(one.values)} parameters."
                 )
     return effects
 
 
 @cache
 def terms_among(effects: tuple[Effect, ...], place: str, copies: int = 1) -> Terms:
-    """The compiled terms of these effects for up to so many copies, each with parameters of its own."""
+    """Compiled terms of these effects for up to `copies` copies, each with its own parameters."""
     return Terms(effects, copies)
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
-    """The function as one that kernels can call; its annotations would mean something else to Taichi."""
+    """The function as a Taichi function; without annotations, which Taichi would interpret in its own way."""
     if not isinstance(function, FunctionType):
         raise BadInput(f"{function!r}: a hook of an effect must be a plain Python function.")
     around = dict(function.__globals__)
-    for name in function.__code__.co_names:  # what it calls from its own file
+    for name in function.__code__.co_names:  # functions that it calls from its own file
         if isinstance(around.get(name), FunctionType):
             around[name] = _compiled(around[name])
     bare = FunctionType(function.__code__, around, function.__name__, function.__defaults__, function.__closure__)
@@ -163,7 +162,7 @@ def _compiled(function: Callable[..., Any]) -> Any:
 
 @ti.func
 def towards_x(up):
-    """Level, on the side of x: the lab's own side."""
+    """Horizontal unit vector on the side of positive x."""
     return (ti.Vector([1.0, 0.0, 0.0]) - up[0] * up).normalized(1e-30)
 
 
@@ -171,8 +170,8 @@ def towards_x(up):
 class Terms:
     """Sums over the active effects, one function for each place where an effect can enter.
 
-    The lists are known at compile time: a place where nothing enters compiles to nothing.  Where many copies of a
-    simulation run side by side, each has parameters of its own.
+    The lists are known at compile time; a place where no effect enters compiles to nothing.  Parallel copies of a
+    simulation have their own parameters.
     """
 
     def __init__(self, effects: tuple[Effect, ...], copies: int = 1) -> None:
@@ -213,8 +212,8 @@ class Terms:
     def in_flight(self, velocity, gap, radius, mass, up, copy=0):
         """Force [N] on a sphere that moves at `velocity`, `gap` [m] above the nearest wall; `up` is a unit vector.
 
-        Effects are written for a plane, across and up: the one of `up` and the velocity, or for those that push to a
-        side of their own that of `up` and x.
+        Effects are written for motion in a plane: that of `up` and the velocity, or, for effects with a fixed
+        direction, that of `up` and x.
         """
         rise = velocity.dot(up)
         level = velocity - rise * up
@@ -233,12 +232,12 @@ class Terms:
 
     @ti.func
     def on_thread(self, velocity, arm, length, mass, up, copy=0):
-        """Force [N] on a sphere that hangs from a pivot at -`arm` (a unit vector), from torques about that pivot."""
+        """Force [N] on a sphere suspended from a pivot at -`arm` (unit vector), from torques about the pivot."""
         across = velocity - velocity.dot(up) * up
         total = ti.Vector([0.0, 0.0, 0.0])
         for k in ti.static(range(len(self.torques))):
             row, count, function = ti.static(self.torques[k])
-            # the angle grows the way the bead moves; at the end of a swing there is no way, and no friction
+            # the angle is counted in the direction of motion; at a turning point there is no direction, and no friction
             side, speed = across / ti.max(across.norm(), 1e-30), velocity.norm()
             way = velocity / ti.max(speed, 1e-30)
             if ti.static(self.effects[row].aimed):
@@ -254,12 +253,12 @@ class Terms:
 
     @ti.func
     def damping_of_pair(self, damping, closing, radius_eff, mass_eff, copy=0):
-        """As `damping`; equal beads count with their own radius and mass."""
+        """As `damping`, with effective values; of equal beads it uses their own radius and mass."""
         return self.damping(damping, closing, 2.0 * radius_eff, 2.0 * mass_eff, copy)
 
     @ti.func
     def damping(self, damping, closing, radius, mass, copy=0):
-        """Column DAMPING of the law for an impact at the speed `closing`; the law's own is that at 1 m/s."""
+        """Column DAMPING for an impact at the speed `closing`; the value of the law is that at 1 m/s."""
         e = restitution_of(damping / DAMPING_FACTOR)
         speed = ti.max(closing, 1e-6)
         for k in ti.static(range(len(self.restitutions))):
@@ -269,7 +268,7 @@ class Terms:
 
     @ti.func
     def attraction(self, overlap, radius, modulus, copy=0):
-        """Pull [N] between two bodies in contact; `radius` [m] and `modulus` [Pa] are the effective ones."""
+        """Attractive force [N] of two bodies in contact; effective `radius` [m] and `modulus` [Pa]."""
         total = 0.0
         for k in ti.static(range(len(self.attractions))):
             row, count, function = ti.static(self.attractions[k])
@@ -278,7 +277,7 @@ class Terms:
 
     @ti.func
     def neck(self, radius, modulus, copy=0):
-        """How far [m] bodies that touched may part before the contact breaks."""
+        """Distance [m] of the surfaces at which an existing contact breaks."""
         longest = 0.0
         for k in ti.static(range(len(self.necks))):
             row, count, function = ti.static(self.necks[k])
@@ -290,7 +289,7 @@ class Terms:
 
 @ti.func
 def upwards(gravity):
-    """Unit vector against gravity; z where there is none."""
+    """Unit vector against gravity; z without gravity."""
     up = ti.Vector([0.0, 0.0, 1.0])
     if gravity.norm_sqr() > 0.0:
         up = -gravity / gravity.norm()
@@ -299,7 +298,7 @@ def upwards(gravity):
 
 @ti.func
 def restitution_of(ratio):
-    """The restitution that a damping ratio returns: `contact.damping_ratio` the other way round."""
+    """Restitution of a damping ratio: inverse of `contact.damping_ratio`."""
     e = 1.0
     if ratio < 1.0:
         a = ti.asin(ratio)
@@ -312,7 +311,7 @@ def restitution_of(ratio):
 
 @ti.func
 def damping_ratio_in_step(e):
-    """`contact.damping_ratio` by bisection: wanted once per impact where restitution depends on its speed."""
+    """`contact.damping_ratio` by bisection, once per impact if the restitution depends on the speed."""
     loss = -ti.log(e)
     ratio = 0.0
     low, high = 0.0, HALF * math.pi
@@ -342,19 +341,19 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 @dataclass(frozen=True)
 class Adhesion:
-    """What holds contacts together, of all effects."""
+    """Attraction in contacts, of all effects together."""
 
     pull: Callable[[Array, Array, Array], Array]
-    """[N] by overlap [m], effective radius [m] and modulus [Pa]."""
+    """Attractive force [N] of overlap [m], effective radius [m] and modulus [Pa]."""
     reach: Callable[[Array, Array], Array]
-    """How far [m] those that touched may part, by effective radius [m] and modulus [Pa]."""
+    """Distance [m] at which existing contacts break, of effective radius [m] and modulus [Pa]."""
 
     def holds(self, overlap: Array, radius: Array, modulus: Array) -> npt.NDArray[np.bool_]:
-        """Whether contacts that touched hold now: some parted for good in the last move."""
+        """Whether existing contacts still hold: some broke in the last move."""
         return np.asarray(overlap > -self.reach(radius, modulus))
 
     def energy(self, overlap: Array, radius: Array, modulus: Array) -> float:
-        """[J] of contacts that were pulled from touching to where they are."""
+        """Adhesive energy [J] of contacts, from first touch to their present overlap; negative."""
         total = np.zeros_like(overlap)
         for node, weight in zip(NODES, WEIGHTS, strict=True):
             total -= 0.5 * overlap * weight * self.pull(0.5 * (node + 1) * overlap, radius, modulus)

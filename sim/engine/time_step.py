@@ -1,4 +1,4 @@
-"""The step in time, from Rayleigh's, and when a run is accurate enough."""
+"""Time step as a fraction of Rayleigh's, with its limits, and checks of input numbers."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from collections.abc import Sequence
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 
-USUAL, DOUBTFUL, UNSTABLE = 0.30, 0.40, 0.80  # parts of Rayleigh's step
-LEAST = 1e-3  # contacts gain nothing below a hundredth, and a run would take days
+USUAL, DOUBTFUL, UNSTABLE = 0.30, 0.40, 0.80  # fractions of Rayleigh's time step
+LEAST = 1e-3  # fraction; contacts gain no accuracy below 0.01, and a run would take days
 
 
 def time_step(
     particles: Sequence[Particle], fraction: float = USUAL, *, forced: bool = False
 ) -> tuple[float, tuple[str, ...]]:
-    """Step [s] as a fraction of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7), with what speaks against it.
+    """Time step [s] as a fraction of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7), and warnings about it.
 
-    A step that is known to be unstable is refused unless it is `forced`.
+    An unstable step raises `BadInput` unless it is `forced`.
     """
     if not (math.isfinite(fraction) and fraction > 0):
         raise BadInput(f"time_step_fraction must be a positive number, got {fraction:g}.")
@@ -35,7 +35,7 @@ def time_step(
     if fraction > DOUBTFUL:
         why = f"above {DOUBTFUL:.0%} contacts lose accuracy"
         if fraction > UNSTABLE:
-            why = f"above {UNSTABLE:.0%} contacts gain energy from nowhere"
+            why = f"above {UNSTABLE:.0%} contacts gain spurious energy"
         warnings = (f"the time step is {100 * fraction:g}% of Rayleigh's; {why}",)
     return fraction * min(particle.rayleigh_time_step for particle in particles), warnings
 
@@ -48,7 +48,7 @@ def positive(**values: float) -> None:
 
 
 def of_kind(one: object, kind: type) -> None:
-    """Raise `BadInput` where something else stands in the place of a trial or a case."""
+    """Raise `BadInput` if an object is not of the class `kind`."""
     if not isinstance(one, kind):
         room = kind.__module__.rpartition(".")[2]
         raise BadInput(f"{one!r:.80} is no {room}.{kind.__name__}; make one for each run.")

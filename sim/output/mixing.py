@@ -1,4 +1,4 @@
-"""How far marked beads have mixed with the others: Lacey's index over cells, and what chance alone makes of it."""
+"""Mixing of marked beads with the others: Lacey's index over cells, and its standard uncertainty."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.quantity import Detail, Quantity, doubted
 
-CELL = 3.0  # bead diameters, side of the cells in which mixing is counted
-FEWEST = 5  # beads in a cell that counts
-FEWEST_CELLS = 10  # their variance is known to a half; that of fewer says little
+CELL = 3.0  # [bead diameters], side of the cells
+FEWEST = 5  # least number of beads in a cell that is evaluated
+FEWEST_CELLS = 10  # least number of cells; their variance has a relative uncertainty of about one half
 
 
 @dataclass(frozen=True)
 class Mixing:
-    """Lacey's index at one moment; NaN where too few beads lie together."""
+    """Lacey's index at one moment; NaN if too few cells hold enough beads."""
 
     index: float
-    std_uncertainty: float  # of chance, by leaving out one cell after the other (jackknife)
-    cells: int  # with enough beads to count
+    std_uncertainty: float  # statistical, by the jackknife over the cells
+    cells: int  # with enough beads
 
     def quantity(self, turns: float) -> Quantity:
-        """The index after so many turns of a drum, doubtful where few cells tell it."""
+        """The index after `turns` revolutions of a drum; doubtful if it is based on few cells."""
         few = (
             f"the mixing index is counted in only {self.cells} cells of {CELL:g} bead diameters that hold at least "
             f"{FEWEST} beads; give more beads, or smaller ones"
@@ -37,11 +37,12 @@ class Mixing:
 
 
 def lacey(centres: Array, marked: Mask, cell: float) -> float:
-    """Lacey's mixing index of the marked beads in cells of side `cell` [m] across the drum: 0 apart, 1 at random.
+    """Lacey's mixing index of the marked beads in cells of side `cell` [m] in x and z: 0 separated, 1 random.
 
-    M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) apart, SR^2 = p (1 - p) / n at random, and S^2 the variance
-    of the marked part among the cells, each weighted by its number of beads (Lacey 1954, J. Appl. Chem. 4, 257).
-    The cells meet in the origin.  NaN where not two cells hold enough beads to count, or all of them beads of one kind.
+    M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) separated, SR^2 = p (1 - p) / n random, and S^2 the variance
+    of the marked fraction among the cells, weighted by their numbers of beads (Lacey 1954, J. Appl. Chem. 4, 257).
+    `centres` [m] have shape (n, 3); a corner of the cells is at the origin.  NaN if fewer than two cells hold enough
+    beads, or if all their beads are of one kind.
 
     >>> lacey(np.array([[0.5, 0, 0]] * 5 + [[1.5, 0, 0]] * 5), np.arange(10) < 5, 1.0)
     0.0
@@ -50,7 +51,7 @@ def lacey(centres: Array, marked: Mask, cell: float) -> float:
 
 
 def mixing(centres: Array, marked: Mask, cell: float) -> Mixing:
-    """`lacey` with what chance makes of it."""
+    """`lacey` with its standard uncertainty."""
     beads, share = _counted(centres, marked, cell)
     count, every = len(beads), np.arange(len(beads))
     without = np.array([_index(beads[every != k], share[every != k]) for k in every])
@@ -59,7 +60,7 @@ def mixing(centres: Array, marked: Mask, cell: float) -> Mixing:
 
 
 def _counted(centres: Array, marked: Mask, cell: float) -> tuple[Array, Array]:
-    """How many beads each cell with enough of them holds, and which part of them is marked."""
+    """Number of beads, and marked fraction, of each cell with enough beads."""
     place = np.floor(centres[:, [0, 2]] / cell).astype(int)
     _cells, which = np.unique(place, axis=0, return_inverse=True)
     beads = np.bincount(which).astype(float)

@@ -1,4 +1,4 @@
-"""The outline of beads seen from the side, orthographic: the highest bead edge over x."""
+"""Outlines of beads in orthographic side view: the highest bead edge over x."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Profile
 
-VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about an upright axis, from which a round rig is seen
+VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the vertical axis, viewing directions of a round rig
 POINTS_PER_DIAMETER = 24
-SIGMA = 1e-5  # [m], a silhouette of exact spheres is as good as the beads' overlap
-NEIGHBOURS = 1.1  # sums of radii; spheres farther apart are not of one bed
+SIGMA = 1e-5  # [m], standard uncertainty of a silhouette: of the order of the beads' overlaps
+NEIGHBOURS = 1.1  # [sums of radii], largest distance of the centres of neighbours in a bed
 
 
 def outline(
     centres: Array, radii: Array, span: tuple[float, float], *, grain: float, floor: float = 0.0, view: str
 ) -> Profile:
-    """Outline of spheres over x in `span` [m], seen along y; height above `floor` [m], NaN where no sphere is.
+    """Outline of spheres over x in `span` [m], seen along y; height above `floor` [m], NaN without a sphere.
 
-    Points lie a 24th of the diameter `grain` [m] apart.
+    The spacing of the points is 1/24 of the diameter `grain` [m].
     """
     x = np.linspace(*span, math.ceil((span[1] - span[0]) / grain * POINTS_PER_DIAMETER) + 1)
     height = highest(x, centres[:, 0], centres[:, 2], radii)
@@ -31,9 +31,9 @@ def outline(
 
 
 def silhouette(centres: Array, radii: Array | float, base_diameter: float, view: float) -> Profile:
-    """Outline of spheres on a round base, seen from `view` [deg] about its axis; 0 where only the base is seen.
+    """Outline of spheres on a round base, seen from `view` [deg] about its axis; 0 where only the base is visible.
 
-    x runs over the base, 0 on its axis.  A rim is not drawn: it would hide beads, not raise them.
+    x runs over the base, 0 on its axis.  A rim is ignored: it would hide beads, but not raise the outline.
     """
     radii = np.broadcast_to(radii, len(centres))
     angle = math.radians(view)
@@ -46,11 +46,11 @@ def silhouette(centres: Array, radii: Array | float, base_diameter: float, view:
 
 
 def highest(x: Array, across: Array, up: Array, radii: Array) -> Array:
-    """Height of the uppermost edge of spheres at `across` and `up` over each `x`; minus infinity where is none."""
+    """Height [m] of the uppermost edge of spheres at `across` and `up` over each `x` [m]; minus infinity if none."""
     height = np.full(len(x), -np.inf)
     for part in np.array_split(np.arange(len(across)), max(1, len(across) // 1000)):
         inside = radii[part, None] ** 2 - (x - across[part, None]) ** 2
-        # a point that only touches the outline would go in or out by rounding
+        # a point on the edge would be inside or outside depending on rounding
         over = inside > 1e-9 * radii[part, None] ** 2
         edge = np.where(over, up[part, None] + np.sqrt(np.maximum(inside, 0.0)), -np.inf)
         height = np.maximum(height, edge.max(axis=0, initial=-np.inf))
@@ -58,7 +58,7 @@ def highest(x: Array, across: Array, up: Array, radii: Array) -> Array:
 
 
 def bed(centres: Array, radii: Array) -> npt.NDArray[np.bool_]:
-    """Which spheres belong to the largest heap of neighbours; those in flight do not."""
+    """Mask of the spheres in the largest cluster of neighbours, without those in flight."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

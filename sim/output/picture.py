@@ -1,4 +1,4 @@
-"""A picture of a run for the report: shaded spheres in parallel projection, drawn with numpy alone."""
+"""Pictures of runs: shaded spheres and walls in parallel projection, drawn with NumPy."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
 from rigtwin.sim.engine.time_step import positive
 
-LIGHT = np.array([-0.4, 0.6, 0.7]) / math.sqrt(1.01)  # from the upper left, before the picture's plane
+LIGHT = np.array([-0.4, 0.6, 0.7]) / math.sqrt(1.01)  # direction to the light: upper left, in front of the image plane
 AMBIENT = 0.35
 PAPER = 255
 BEAD_COLOUR = (205, 160, 105)
 WALL_COLOUR = (165, 175, 190)
-WALL_VEIL = 0.45  # how much of what is behind a wall it hides; walls are drawn as thin veils
+WALL_VEIL = 0.45  # opacity of walls
 MARGIN = 0.04
 
 
@@ -32,10 +32,10 @@ def draw(
     tilt: float = 20.0,
     colours: Array | None = None,
 ) -> Image:
-    """Picture of spheres, shape (height, width, 3), RGB, scaled to show all beads and walls.
+    """RGB image of spheres, shape (height, width, 3), scaled to show all beads and walls.
 
     `centres` [m], shape (n, 3), z up; `radii` [m], shape (n,).  `walls` are triangles [m], shape (m, 3, 3), as
-    `trajectory.triangles` makes them.  The eye stands `turn` [deg] about z from looking along y, and `tilt` [deg] above
+    returned by `trajectory.triangles`.  The view is along y, rotated by `turn` [deg] about z, from `tilt` [deg] above
     the horizon.  `colours` are RGB of each bead, 0 to 255, shape (n, 3).
     """
     positive(width=width, height=height)
@@ -50,7 +50,7 @@ def draw(
 
     image = np.full((height, width, 3), float(PAPER))
     depth = np.full((height, width), -np.inf)
-    for k in np.argsort(-seen[:, 2]):  # nearest first: what is hidden is never shaded
+    for k in np.argsort(-seen[:, 2]):  # nearest first, so that hidden spheres are not shaded
         _sphere(image, depth, seen[k] * scale + shift, radii[k] * scale, tints[k])
     for triangle in corners * scale + shift:
         _veil(image, depth, triangle)
@@ -65,10 +65,10 @@ def strobe(
     walls: Array | None = None,
     flashes: int = 40,
 ) -> Image:
-    """Bodies that do not turn on their way, as an open shutter sees them by `flashes`; tracks lie in x and y.
+    """Strobe image of non-rotating bodies at `flashes` times; tracks are in x and y.
 
-    A body is spheres of `radii` [m], shape (n,), at `offsets` [m] from its centre, shape (n, 3), z up.  Later ones are
-    darker.  `walls` are triangles [m] as `draw` has them, with y into the picture; `slab` makes such.
+    A body consists of spheres of `radii` [m], shape (n,), at `offsets` [m] from its centre, shape (n, 3), z up.  Later
+    flashes are darker.  `walls` are triangles [m] as in `draw`, with y into the image; see `slab`.
     """
     lasts = max(float(np.ptp(track.time)) for track in tracks)
     centres, shades = [], []
@@ -86,9 +86,9 @@ def strobe(
 
 
 def slab(low: Sequence[float], high: Sequence[float], *, turned: float = 0.0) -> Array:
-    """Two triangles [m], shape (2, 3, 3): what is seen of a plate from `low` to `high` (right, up), and then turned.
+    """Front view of a plate from `low` to `high` (right, up) [m] as two triangles, shape (2, 3, 3).
 
-    It turns by `turned` [rad] about the origin, anticlockwise as it is seen.
+    The plate is rotated by `turned` [rad] about the origin, anticlockwise in the image.
 
     >>> slab((0, 0), (2, 1)).shape
     (2, 3, 3)
@@ -100,7 +100,7 @@ def slab(low: Sequence[float], high: Sequence[float], *, turned: float = 0.0) ->
 
 
 def _axes(turn: float, tilt: float) -> Array:
-    """Rows: to the right, up and towards the eye."""
+    """Unit vectors to the right, up and towards the viewer, as rows."""
     a, b = math.radians(turn), math.radians(tilt)
     right = [math.cos(a), math.sin(a), 0.0]
     towards = [math.sin(a) * math.cos(b), -math.cos(a) * math.cos(b), math.sin(b)]
@@ -108,7 +108,7 @@ def _axes(turn: float, tilt: float) -> Array:
 
 
 def _fit(seen: Array, radii: Array, corners: Array, width: int, height: int) -> tuple[float, Array]:
-    """Pixels per metre, and the shift that puts the middle of all into the middle of the picture."""
+    """Pixels per metre, and the shift that centres the scene in the image."""
     low = np.concatenate([seen - radii[:, None], corners])[:, :2].min(axis=0)
     high = np.concatenate([seen + radii[:, None], corners])[:, :2].max(axis=0)
     room = np.array([width, height]) * (1 - 2 * MARGIN)
@@ -118,7 +118,7 @@ def _fit(seen: Array, radii: Array, corners: Array, width: int, height: int) -> 
 
 
 def _patch(depth: Array, low: Array, high: Array) -> tuple[slice, slice, Array, Array] | None:
-    """The pixels from `low` to `high` (x, y; y up) as slices, with their centres; None outside the picture."""
+    """Pixels from `low` to `high` (x, y; y up) as slices, with their centres; None outside the image."""
     rows, columns = depth.shape
     left, right = max(0, math.floor(low[0])), min(columns, math.ceil(high[0]))
     bottom, top = max(0, math.floor(low[1])), min(rows, math.ceil(high[1]))
@@ -145,7 +145,7 @@ def _sphere(image: Array, depth: Array, centre: Array, radius: float, tint: Arra
 
 
 def _veil(image: Array, depth: Array, triangle: Array) -> None:
-    """A wall before the beads dims them, one behind them shows between them."""
+    """Draw a translucent wall: in front of beads it dims them, behind beads it shows between them."""
     patch = _patch(depth, triangle.min(axis=0), triangle.max(axis=0))
     (x0, y0, z0), one, other = triangle[0], triangle[1] - triangle[0], triangle[2] - triangle[0]
     twice = one[0] * other[1] - one[1] * other[0]
@@ -154,9 +154,9 @@ def _veil(image: Array, depth: Array, triangle: Array) -> None:
     rows, columns, x, y = patch
     a = ((x - x0) * other[1] - (y - y0) * other[0]) / twice
     b = (one[0] * (y - y0) - one[1] * (x - x0)) / twice
-    # a round wall made of flat pieces cuts a little into the beads that lean on it: give it a pixel
+    # flat pieces of a round wall cut slightly into beads in contact with it; tolerance of one pixel
     before = z0 + a * one[2] + b * other[2] + 1 > depth[rows, columns]
-    # half-open edges, so that neighbours do not veil their common pixels twice
+    # half-open edges, so that neighbours do not draw their common pixels twice
     shown = (a >= 0) & (b > 0) & (a + b <= 1) & before
     view = image[rows, columns]
     view[shown] += WALL_VEIL * (np.array(WALL_COLOUR) - view[shown])

@@ -1,7 +1,7 @@
-"""A run's frames in a file that OVITO (GSD) or ParaView (temporal VTKHDF) plays, and the walls beside it as a mesh.
+"""Trajectory files for OVITO (GSD) or ParaView (temporal VTKHDF), and the walls as a mesh in a file beside them.
 
-While a run goes on its frames stand in `<name>.part`, readable after every frame; closing gives the file its name.
-Numbers are float32: viewing, and measuring to 1e-7 of the rig's size.
+During a run the frames are in `<name>.part`, which is readable after every frame; closing renames the file.  Numbers
+are float32, with a resolution of 1e-7 of the size of the rig.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.walls.shapes import Shape
 
 
-AROUND = 72  # corners of a circle in the mesh of a wall
-CHUNK = 4096  # rows of a dataset that are packed together
+AROUND = 72  # corners of a circle in the mesh of a round wall
+CHUNK = 4096  # rows of a compressed block of a dataset
 
 
 class Trajectory(ABC):
-    """A file that frames are added to."""
+    """A file to which frames are added."""
 
     def __init__(self, path: Path, frames: int) -> None:
         self.path = path
@@ -43,24 +43,22 @@ class Trajectory(ABC):
 
     @abstractmethod
     def _finish(self) -> None:
-        """Write all that is pending and let the file go."""
+        """Write pending data and close the file."""
 
     def close(self) -> None:
-        """Give the file its name; one of that name from before is replaced."""
+        """Close the file and give it its final name; an existing file is replaced."""
         self._finish()
         self.part.replace(self.path)
 
 
 def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, frames: int = 0) -> Trajectory:
-    """A trajectory in the format of the suffix, .gsd or .vtkhdf.
+    """Open a trajectory in the format of the suffix, .gsd or .vtkhdf.
 
-    `kinds` are the names of the kinds of particles, `domain` [m] the corners of the box that holds all.  With
-    `frames` the file of that name is gone on with, after so many of its frames; where there is none it begins empty.
+    `kinds` are the names of the kinds of particles, `domain` [m] the corners of the box that contains all of them.
+    With `frames` an existing file is continued after that number of its frames; if there is none a new one begins.
     """
     if path.suffix not in FORMATS:
-        raise BadInput(
-            f"trajectory: {path.name} has no suffix that tells its format; use .gsd (OVITO) or .vtkhdf (ParaView)."
-        )
+        raise BadInput(f"trajectory: {path.name} has no known suffix; use .gsd (OVITO) or .vtkhdf (ParaView).")
     part = path.with_name(path.name + ".part")
     copied = frames > 0 and path.exists() and not part.exists()
     if copied:
@@ -72,20 +70,19 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
         return FORMATS[path.suffix](path, kinds, domain, frames)
     except (OSError, RuntimeError, KeyError, EOFError) as trouble:
         part.with_name(part.name + ".cut").unlink(missing_ok=True)
-        if copied:  # a copy left behind would be taken for the film of a run that was broken off
+        if copied:  # a copy left behind would be taken for that of an interrupted run
             part.unlink(missing_ok=True)
         broken = part if part.exists() else path
         raise BadInput(
-            f"The trajectory {broken} cannot be written or gone on with ({trouble}); move it away or name another."
+            f"The trajectory {broken} cannot be written or continued ({trouble}); move it away or name another."
         ) from None
 
 
 class Gsd(Trajectory):
-    """GSD in HOOMD's schema: position, velocity, diameter, mass, type, and as body the clump that a bead is part of.
+    """GSD in HOOMD's schema: position, velocity, diameter, mass, type, and as body the clump of a bead.
 
-    Spin, name of each bead and time are logs.
-
-    The schema's box is centred on the origin, so it is the smallest such box that holds the domain.
+    Spin, number of each bead and time are logs.  The schema's box is centred on the origin; it is the smallest such box
+    that contains the domain.
     """
 
     def __init__(self, path: Path, kinds: Sequence[str], domain: tuple[Array, Array], frames: int) -> None:
@@ -137,11 +134,10 @@ class Gsd(Trajectory):
 
 
 class VtkHdf(Trajectory):
-    """Temporal VTKHDF, type PolyData: beads as points with radius, velocity, spin, ident, kind and grain (the
-    particle that a clump's bead is part of).
+    """Temporal VTKHDF, type PolyData: beads as points with radius, velocity, spin, ident, kind and grain.
 
-    Every frame has one vertex cell per bead.  Cells are numbered alike in all frames, so that all frames share one
-    table of them, as long as the largest frame.
+    `grain` is the particle to which a bead belongs.  Every frame has one vertex cell per bead.  The numbering of the
+    cells is the same in all frames, so that they share one table, as long as the largest frame.
     """
 
     DATA = (
@@ -179,7 +175,7 @@ class VtkHdf(Trajectory):
             group = root.create_group(cells)
             for name in ("NumberOfCells", "NumberOfConnectivityIds", "Offsets", "Connectivity"):
                 _growing(group, name, np.int64)
-            # the reader asks for the offset that begins even an empty table
+            # the reader needs the first offset even of an empty table
             _append(group["Offsets"], np.zeros(1, dtype=np.int64))
         _growing(steps, "Values", np.float64)
         for name in ("PartOffsets", "NumberOfParts", "PointOffsets"):
@@ -244,7 +240,7 @@ FORMATS: dict[str, type[Gsd | VtkHdf]] = {".gsd": Gsd, ".vtkhdf": VtkHdf}
 
 def _enough(there: int, wanted: int) -> None:
     if there < wanted:
-        raise EOFError(f"it holds {there} of the {wanted} frames that the checkpoint knows of")
+        raise EOFError(f"it holds {there} of the {wanted} frames of the checkpoint")
 
 
 def _growing(group: Any, name: str, dtype: npt.DTypeLike, components: int = 0, *, packed: bool = False) -> None:
@@ -265,9 +261,9 @@ def _append(dataset: Any, rows: npt.ArrayLike) -> None:
 
 
 def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]) -> None:
-    """The walls as one mesh of triangles in VTK's old text format, which OVITO and ParaView both read.
+    """Write the walls as a mesh of triangles in VTK's legacy text format, which OVITO and ParaView read.
 
-    An infinite plane is cut to the `domain` [m].  Each triangle carries the number of its wall.
+    An infinite plane is cut to the `domain` [m].  Each triangle has the number of its wall as cell data.
     """
     meshes = [triangles(shape, domain) for shape in shapes]
     corners = np.concatenate([mesh.reshape(-1, 3) for mesh in meshes]) if meshes else np.zeros((0, 3))
@@ -283,7 +279,7 @@ def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]
 
 
 def triangles(shape: Shape, domain: tuple[Array, Array]) -> Array:
-    """The wall as triangles [m], shape (n, 3 corners, 3); a plane is cut to the `domain`."""
+    """Triangles of a wall [m], shape (n, 3 corners, 3); a plane is cut to the `domain` [m]."""
     from rigtwin.sim.engine.walls import elements
     from rigtwin.sim.engine.walls.shapes import Plane
 
@@ -299,7 +295,7 @@ def triangles(shape: Shape, domain: tuple[Array, Array]) -> Array:
 
 
 def _turned_line(point: Array, axis: Array, radius: float, far_radius: float, height: float) -> Array:
-    """What a straight line makes that turns about an axis; at a tip there is one triangle where else there are two."""
+    """Triangles of a surface of revolution of a straight line; at a tip one triangle instead of two."""
     one, other = _circle(point, axis, radius), _circle(point + height * axis, axis, far_radius)
     one_next, other_next = np.roll(one, -1, axis=0), np.roll(other, -1, axis=0)
     parts = []
@@ -322,7 +318,7 @@ def _circle(centre: Array, normal: Array, radius: float) -> Array:
 
 
 def _cut_plane(point: Array, normal: Array, domain: tuple[Array, Array]) -> Array:
-    """Where the plane cuts the edges of the box, in order around it."""
+    """Points where the plane cuts the edges of the box, in order around it."""
     bits = np.array([[k >> axis & 1 for axis in range(3)] for k in range(8)])
     box = np.where(bits, domain[1], domain[0])
     side = (box - point) @ normal
@@ -340,7 +336,7 @@ def _cut_plane(point: Array, normal: Array, domain: tuple[Array, Array]) -> Arra
 
 
 def _across(normal: Array) -> tuple[Array, Array]:
-    """Two unit vectors at right angles to `normal` and to each other."""
+    """Two unit vectors perpendicular to `normal` and to each other."""
     normal = normal / np.linalg.norm(normal)
     one = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     one /= np.linalg.norm(one)

@@ -1,8 +1,8 @@
-"""A heap by emptying: a filled round container drains through a hole in the middle of its floor.
+"""Pile by emptying: a filled round container drains through a hole in the middle of its floor.
 
-What stays is a crater whose slope rises from the hole to the wall.  Its profile is the surface in a section through
-the axis, both halves set back to back: the walls meet in the middle, the hole's edges are the feet, and the slopes are
-read as those of any heap.
+The remaining crater rises from the hole to the wall.  Its profile is the surface in a section through the axis, with
+both halves placed back to back: the walls meet in the middle and the edges of the hole are the feet.  The slopes can
+then be evaluated as those of any heap.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-DRAIN = 1 / 3  # of the base, where the rig does not say, but not below
-LEAST_DRAIN = 7  # bead diameters; rough spheres arch over narrower holes
-BELOW = 0.05  # [m], how far below the floor beads are followed
-SECTION = 1.0  # bead diameters to either side of the section's plane
+DRAIN = 1 / 3  # drain over base diameter, where the rig does not state it
+LEAST_DRAIN = 7  # [bead diameters], smallest default drain; rough spheres arch over narrower holes
+BELOW = 0.05  # [m], depth below the floor down to which beads are simulated
+SECTION = 1.0  # [bead diameters], half the thickness of the section
 LID = 0  # number of the wall that closes the drain
 
 
@@ -49,7 +49,7 @@ class Emptying:
 
     @property
     def height(self) -> float:
-        """Of the container [m], as high as the filling needs when it is scattered."""
+        """Height of the container [m]; leaves room for the loose lattice of the filling."""
         return filling.loose_height(self.particle, self.count, self.rig.base_diameter)
 
     @property
@@ -74,14 +74,14 @@ class Emptying:
         assumed = f"not stated: a third of the base, at least {LEAST_DRAIN} bead diameters"
         given = assumed if self.rig.drain_diameter is None else "as given"
         return {
-            "heap": "what stays in the container around the drain, in sections through its axis",
+            "heap": "the bed that remains around the drain, in sections through its axis",
             "container": f"round, {self.rig.base_diameter * 1e3:.3g} mm wide, of the base's material",
             "drain_diameter": f"{self.drain_diameter * 1e3:.3g} mm ({given}), opened at once",
-            "filling": "scattered in the container and let fall until it rested",
+            "filling": "placed on a loose lattice in the container and let fall until it rested",
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Beads that leave are only followed for a little way down."""
+        """Nothing to check: beads that leave are only simulated over a short fall."""
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
         """Fill the container and open its drain."""
@@ -125,7 +125,7 @@ def emptying(rig: Pile, particle: Particle, count: int, fill_limit: float) -> Em
 
 
 def section(centres: Array, radii: Array, rig: Pile, drain_diameter: float, grain: float, view: float) -> Profile:
-    """Surface of what stays, in the section that stands across the line of sight `view` [deg], back to back.
+    """Surface of the remaining bed in the section perpendicular to the line of sight `view` [deg], back to back.
 
     Beads whose centre lies within a diameter `grain` [m] of the plane belong to it.  x runs from one edge of the hole
     (negative) over the wall (0) to the other edge, heights are above the floor.
@@ -140,6 +140,6 @@ def section(centres: Array, radii: Array, rig: Pile, drain_diameter: float, grai
     height = np.zeros(len(x))
     for side in (-1, 1):
         mine = (x >= 0) if side > 0 else (x <= 0)
-        place = side * (wide - np.abs(x[mine]))  # where in the container the point lies
+        place = side * (wide - np.abs(x[mine]))  # position in the container
         height[mine] = np.maximum(height[mine], highest(place, across[near], centres[near, 2], radii[near]))
     return Profile(x=x, height=height, sigma=np.full(len(x), SIGMA), base=(-reach, reach), view=f"{view:g} deg")

@@ -1,6 +1,6 @@
-"""The twin of the pile tests: a heap of beads on a round base (Hlosta et al. 2020, fig. 5a).
+"""Simulation of the pile tests: a heap of beads on a round base (Hlosta et al. 2020, fig. 5a).
 
-How it forms is one file each: `rigtwin.sim.pile.piling`, `rigtwin.sim.pile.pouring`, `rigtwin.sim.pile.emptying`.
+One file per method: `rigtwin.sim.pile.piling`, `rigtwin.sim.pile.pouring`, `rigtwin.sim.pile.emptying`.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History
 from rigtwin.sim.run.set_up import Bench, Numerics
 
-# a photo of a bowl shows no more than what stands out over its rim: angles of the two are not of the same heap
+# a photo of a bowl only shows the part of the heap above the rim, so its angles differ from those counted here
 COUNTED_FROM = "counted from the base plate, also where a rim hides it from the side"
 
 
 @dataclass(frozen=True)
 class Heap:
-    """What lies on the base in the end.  x and y from the disc's axis, z above the disc's top face."""
+    """The heap on the base at the end.  x and y from the axis of the disc, z above its top face."""
 
     centres: Array  # [m], shape (n, 3), of the spheres that stay on the base
     radii: Array  # [m], shape (n,)
-    radius: float  # [m], of a particle; of a clump that of the sphere that holds it
-    profiles: tuple[Profile, ...]  # silhouettes from four sides; of an emptied container sections, back to back
-    base_diameter: float  # [m], over which the profiles' heap stands
+    radius: float  # [m], of a particle; for a clump of its bounding sphere
+    profiles: tuple[Profile, ...]  # silhouettes from four sides; for an emptied container sections, back to back
+    base_diameter: float  # [m], width of the base in the profiles
     at_rest: bool
     time: float  # [s], simulated
     asked: int
@@ -67,16 +67,57 @@ def run(
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Heap:
-    """Let `count` beads make a heap in the way of `rig.variant` and wait until it rests.
+    """Form a heap by the method of `rig.variant` and wait until it rests.
 
-    piling: the beads rain through a round outlet above the base's centre, without overlap, at `pour_rate` [1/s]
-    (default: Beverloo's discharge of the outlet, or up to 400 per second while the throw adds no more than the fall).
-    The outlet rises with the heap and stays `fall_height` [m] above its top (default: three bead diameters), unless
-    `rig.outlet_height` fixes it.
-    pouring, emptying: tube or container are filled and rest (at most `fill_limit` [s]) before they are let go.
+    Parameters
+    ----------
+    rig : Pile
+        Variant ("piling", "pouring" or "emptying") and dimensions [m].
+    particle : Particle
+        Sphere or clump.
+    wall : Material
+        Material of base, tube and container.
+    contact, wall_contact : Contact
+        Coefficients of contacts between particles, and of particles with walls.
+    count : int
+        Number of particles.
+    seed : int
+        Seed of the random positions and orientations.
+    pour_rate : float, optional
+        Piling: particles per second [1/s].  Default: Beverloo's discharge of the outlet, raised to at most 400 per
+        second as long as the initial speed adds no more than the fall.
+    fall_height : float, optional
+        Piling: height [m] of the outlet above the top of the heap, with which it rises.  Default: three bead
+        diameters.  Not used if `rig.outlet_height` fixes the outlet.
+    fill_limit : float
+        Pouring, emptying: longest wait [s] until the filling rests before it is released.
+    settle_limit : float
+        Longest wait [s] until the heap rests: after the last bead was poured, the tube was clear of the beads, or the
+        drain was opened.
+    progress : Progress
+        Callback for the progress display.
+    **numerics : Numerics
+        Numerical settings, see `rigtwin.sim.run.set_up.Numerics`.
 
-    What leaves the base falls and is taken out.  The run ends when the beads rest, or `settle_limit` [s] after the last
-    one was poured, the tube was clear of them, or the drain was opened, and says which.
+    Returns
+    -------
+    Heap
+        The heap at the end; `Heap.at_rest` states whether it rests, `Heap.warnings` what limits the result.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range, or beads or tube would move too fast for the time step.
+    SimulationFailed
+        If the simulation breaks down.
+
+    Notes
+    -----
+    Beads that leave the base fall out of the domain and are removed.
+
+    References
+    ----------
+    Hlosta et al. 2020, fig. 5a.
     """
     _check(rig, particle, count, settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
@@ -154,9 +195,9 @@ def _profiles(rig: Pile, particle: Particle, method: Method, centres: Array, rad
 
 
 def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) -> npt.NDArray[np.uint8]:
-    """The heap on its base as shaded spheres, an RGB image; the eye `turn` [deg] about z and `tilt` [deg] above.
+    """RGB image of the heap on its base, seen from `turn` [deg] about z and `tilt` [deg] above the horizon.
 
-    Of an emptied container the near half is cut away, so that the crater is seen.
+    The near half of an emptied container is cut away to show the crater.
     """
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
@@ -172,7 +213,7 @@ def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) ->
 
 
 def check(rig: Pile, particle: Particle, *, count: int) -> None:
-    """Raises `BadInput` where `run` would refuse these settings, and computes nothing."""
+    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
     _check(rig, particle, count, settle_limit=1.0)
     _method(rig, particle, count, None, None, fill_limit=1.0)
 
@@ -181,10 +222,10 @@ def _check(rig: Pile, particle: Particle, count: int, settle_limit: float) -> No
     positive(base_diameter=rig.base_diameter, settle_limit=settle_limit)
     if rig.base_diameter < 4 * particle.diameter:
         raise BadInput(
-            f"base_diameter: {rig.base_diameter * 1e3:.3g} mm is no base for a heap of beads of "
+            f"base_diameter: {rig.base_diameter * 1e3:.3g} mm is too small a base for a heap of beads of "
             f"{particle.diameter * 1e3:.3g} mm; give at least four bead diameters."
         )
     if not (math.isfinite(rig.rim_height) and rig.rim_height >= 0):
-        raise BadInput(f"rim_height: {rig.rim_height:g} m is no height of a rim; give zero or more.")
+        raise BadInput(f"rim_height: {rig.rim_height:g} m is not a height; give zero or more.")
     if count < 1:
         raise BadInput(f"count: {count} beads make no heap; give at least 1.")

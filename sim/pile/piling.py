@@ -1,4 +1,4 @@
-"""A heap by piling: beads rain on the middle of a bowl and the surplus falls over its rim."""
+"""Pile by piling: beads rain on the middle of a bowl and the surplus falls over its rim."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-SLOW = 0.1  # [m/s], a bead below this speed belongs to the heap, above it is still falling
-QUICK_RATE = 400.0  # [1/s], poured at least, to keep a run short, while the throw adds no more than the fall
-STREAM = 0.2  # part of a free stream that is beads, at most
-NARROWEST = 3  # bead diameters
+SLOW = 0.1  # [m/s], a slower bead belongs to the heap, a faster one is still falling
+QUICK_RATE = 400.0  # [1/s], least default rate, to keep a run short, while the initial speed adds no more than the fall
+STREAM = 0.2  # largest volume fraction of beads in a free stream
+NARROWEST = 3  # [bead diameters], smallest default outlet
 
 
 @dataclass(kw_only=True)
 class Course(filling.Course):
-    """How far a heap has come."""
+    """State of the run, with the height of the outlet."""
 
-    height: float = 0.0  # [m], of the outlet that rises with the heap
+    height: float = 0.0  # [m], of the outlet, which rises with the heap
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Piling:
     rig: Pile
     particle: Particle
     count: int
-    outlet: filling.Outlet  # as high as it stands, or 0 where it rises
-    fall_height: float | None  # [m], above the top of the heap, with which the outlet rises; None where it stands
+    outlet: filling.Outlet  # its height is 0 if it rises with the heap
+    fall_height: float | None  # [m], of the rising outlet above the top of the heap; None: fixed outlet
 
     @property
     def shapes(self) -> list[Shape]:
@@ -78,7 +78,7 @@ class Piling:
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Refuse what would leave the outlet, or come down on the base, faster than `fastest` [m/s]."""
+        """Refuse beads that would leave the outlet, or hit the base, faster than `fastest` [m/s]."""
         outlet = self.outlet
         filling.need_bearable(outlet, fastest)
         if falls_freely:
@@ -86,7 +86,7 @@ class Piling:
             filling.need_bearable_fall(name, self.fall_height or outlet.height, outlet.speed, fastest)
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
-        """Rain the beads."""
+        """Insert the beads in the outlet until all are placed."""
         clear = self.outlet.slab + 2 * self.particle.diameter
 
         def above() -> tuple[filling.Outlet, Array]:
@@ -128,13 +128,13 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
         )
     height = 3 * bead if fall_height is None else fall_height
     positive(fall_height=height)
-    free = math.sqrt(GRAVITY * diameter / 2)  # [m/s], as fast as a free discharge leaves
+    free = math.sqrt(GRAVITY * diameter / 2)  # [m/s], speed of a free discharge
     solid = particle.mass / particle.effective_density
     rate_from = filling.GIVEN
     if rate is None:
         grains = f"for grains of {bead * 1e3:.3g} mm"
         rate, rate_from = filling.beverloo(particle, diameter, bead), f"Beverloo's discharge of the outlet {grains}"
-        # beads thrown faster than the fall itself makes them would dig into the heap
+        # beads released faster than the fall accelerates them would dig into the heap
         fastest = max(free, math.sqrt(2 * GRAVITY * height))
         quick = min(QUICK_RATE, STREAM * math.pi / 4 * diameter**2 * fastest / solid)
         if rate < quick:
@@ -147,7 +147,7 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
                 f"outlet_height: {rig.outlet_height * 1e3:.3g} mm above the base let no beads of {bead * 1e3:.3g} mm "
                 "out; give at least a bead diameter, and more than the heap will be high."
             )
-    # fast enough that the beads keep clear of each other
+    # fast enough to keep the stream dilute
     thinnest = rate * solid / (STREAM * math.pi / 4 * diameter**2)
     outlet = filling.Outlet(diameter, rig.outlet_height or 0.0, rate, max(free, thinnest), rate_from)
     filling.need_end(outlet, count)
@@ -155,12 +155,12 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
 
 
 def outlet_diameter(base_diameter: float, bead: float) -> float:
-    """Of the outlet over a base of that diameter where none is given, all in m."""
+    """Default diameter of the outlet over a base [m]."""
     return max(base_diameter / 4, NARROWEST * bead)
 
 
 def bowl(rig: Pile) -> list[Shape]:
-    """The base, and its rim where it has one."""
+    """Walls of the base and of its rim, if there is one."""
     from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     up = (0.0, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""A heap by pouring: a filled tube stands on the base and is lifted, and the filling runs out below it.
+"""Pile by pouring: a filled tube on the base is lifted, and the filling runs out below it.
 
 "If the cylinder is lifted too fast, the material does not spill out of the cylinder immediately due to friction and
 inertia, but rather with a delay ..., which results in a larger spill" (Hlosta et al. 2020, section 3.4).
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-LIFT_SPEED = 0.02  # [m/s], where the rig does not say
-NARROWEST = 4  # bead diameters
+LIFT_SPEED = 0.02  # [m/s], where the rig does not state it
+NARROWEST = 4  # [bead diameters], narrowest tube; in a narrower one the beads arch
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Pouring:
 
     @property
     def tube_height(self) -> float:
-        """[m], as high as the filling needs when it is scattered."""
+        """Height of the tube [m]; leaves room for the loose lattice of the filling."""
         return filling.loose_height(self.particle, self.count, self.tube_diameter)
 
     @property
@@ -70,20 +70,20 @@ class Pouring:
             "tube_diameter": f"{self.tube_diameter * 1e3:.3g} mm ({tube})",
             "lift_speed": f"{self.lift_speed * 1e3:.3g} mm/s ({speed}), at full speed at once",
             "tube": "of the base's material, without thickness",
-            "filling": "scattered in the tube and let fall until it rested",
+            "filling": "placed on a loose lattice in the tube and let fall until it rested",
             "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Refuse a tube that is lifted faster than `fastest` [m/s]; what it lets go hardly falls."""
+        """Refuse a tube that is lifted faster than `fastest` [m/s]; the beads themselves fall only a short way."""
         if self.lift_speed >= fastest:
             raise BadInput(
-                f"lift_speed: the tube is lifted at {self.lift_speed:.3g} m/s, and the time step bears "
-                f"{fastest:.3g} m/s; lift it more slowly (the usual is {LIFT_SPEED:g} m/s)."
+                f"lift_speed: the tube is lifted at {self.lift_speed:.3g} m/s, but the time step allows at most "
+                f"{fastest:.3g} m/s; lift it more slowly (default: {LIFT_SPEED:g} m/s)."
             )
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
-        """Fill the tube and lift it until it is clear of all beads."""
+        """Fill the tube and lift it until it is above all beads."""
         from rigtwin.sim.engine.walls.shapes import Motion
 
         tube = len(bulk.shapes) - 1

@@ -11,21 +11,21 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
-STEPS = 14  # per flight in a vacuum; the path between two steps is a cubic
-MOST = 60
-EDGES_PER_STEP = 4.0  # widths of an edge that a step may pass: the push of a band is then right to 1 %
-FINEST = 32  # times as many steps at most, so that a band that a fit makes ever narrower costs no more
-FINE = 16
+STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubic
+MOST = 60  # largest number of steps of a flight
+EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
+FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
+FINE = 16  # sub-steps of the first and the last step for a steep force
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
-"""Parts of the first step, the finest at the plate, and in reverse of the last: for a force that is steep there."""
+"""Fractions of the first step, smallest at the plate (reversed for the last), for a force that is steep there."""
 
 Pull = Callable[[Array, Array, Array, Array], tuple[Array, Array]]
-"""Acceleration [m/s^2] from place and velocity since the start of the flight."""
+"""Acceleration [m/s^2] from position (relative to the start of the flight) and velocity."""
 
 
 @dataclass(frozen=True)
 class Paths:
-    """Flights from their own starts; arrays of shape (settings, repetitions, flights), nodes in front."""
+    """Flights relative to their starts; arrays of shape (settings, repetitions, flights), nodes in front."""
 
     step: Array  # [s]
     x: Array  # [m], (nodes, ...), from the start of the flight
@@ -52,7 +52,7 @@ def fly(
     terms: Sequence[Effect],
     values: Mapping[str, Array],
 ) -> Paths:
-    """Fly until the plate, tilted by the given sine and cosine, is touched; `gap` [m] is the height to fall through."""
+    """Integrate until contact with the plate, tilted by the given sine and cosine; `gap` [m] is the initial gap."""
     forces: list[tuple[Any, list[Array]]] = [
         (term.force, [values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters])
         for term in terms
@@ -119,7 +119,7 @@ def fly(
 def _finer(
     h: Array, vy: Array, gap: Array, gravity: float, terms: Sequence[Effect], values: Mapping[str, Array]
 ) -> int:
-    """How many times as many steps the forces with edges ask for, of those flights that come to an edge."""
+    """Refinement of the steps that forces with edges need, over the flights that reach an edge."""
     most = 1.0
     for term in terms:
         if term.edges is not None:
@@ -130,7 +130,7 @@ def _finer(
 
 
 def _advance(pull: Pull, x: Array, y: Array, u: Array, v: Array, h: Array) -> tuple[Array, Array, Array, Array]:
-    """One step of Runge and Kutta."""
+    """One step of the fourth-order Runge-Kutta method."""
     ax1, ay1 = pull(x, y, u, v)
     u2, v2 = u + 0.5 * h * ax1, v + 0.5 * h * ay1
     ax2, ay2 = pull(x + 0.5 * h * u, y + 0.5 * h * v, u2, v2)
@@ -149,7 +149,7 @@ def _advance(pull: Pull, x: Array, y: Array, u: Array, v: Array, h: Array) -> tu
 def where(
     paths: Paths, begin: Array, x_start: Array, y_start: Array, time: Array, owner: Any
 ) -> tuple[Array, Array, Array, Array]:
-    """Position [m] and velocity [m/s] at `time` (settings, rows); flights begin at `begin`, held still before that."""
+    """Position [m] and velocity [m/s] at `time` [s] (settings, rows); flights start at `begin` [s], at rest before."""
     settings, repetitions, flights = begin.shape
     base = (np.arange(settings)[:, None] * repetitions + owner[None]) * flights  # flat index of flight 0
     number = np.zeros(base.shape, dtype=np.int64)
@@ -178,7 +178,7 @@ def where(
 
 
 def _cubic(a: Array, b: Array, da: Array, db: Array, s: Array) -> Array:
-    """Hermite cubic from a to b with end slopes da, db per step, at the fraction s."""
+    """Hermite cubic from a to b with end slopes da, db per step, at the fraction s of the step."""
     return a + s * (da + s * (3 * (b - a) - 2 * da - db + s * (2 * (a - b) + da + db)))
 
 

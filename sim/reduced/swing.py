@@ -1,7 +1,7 @@
 """Swings of a bob on a thread, integrated from turning point to turning point for many settings at once.
 
-Between two turning points the rate keeps its sign, so dry friction is exact: each half swing starts anew at the moment
-the last one has come to rest.
+Between two turning points the sign of the rate is constant, so that dry friction is exact: each half swing starts at
+the moment when the last one has come to rest.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 
-STEPS = 30  # per half swing, which then loses 1e-8 of its amplitude a step; the path between two is a cubic
-LEAST_RATE = 1e-3  # [rad/s], dry friction acts fully from here on
+STEPS = 30  # per half swing; numerical loss of amplitude 1e-8 per step; the path between two steps is a cubic
+LEAST_RATE = 1e-3  # [rad/s], above which dry friction acts fully
 
 Push = Callable[..., Array]
-"""Angular acceleration [rad/s^2] from angle and rate, without the dry sign at rest; where something drives the bob,
-from the time [s] since its release too."""
+"""Angular acceleration [rad/s^2] from angle [rad] and rate [rad/s], without the sign change of dry friction at rest;
+for a driven bob also from the time [s] since its release."""
 
 
 @dataclass(frozen=True)
 class HalfSwings:
-    """Half swings of a stack: arrays (half swings, nodes, settings, repetitions)."""
+    """Consecutive half swings: arrays of shape (half swings, nodes, settings, repetitions)."""
 
     begin: Array  # [s], (half swings + 1, settings, repetitions), from the release
     step: Array  # [s], (half swings, settings, repetitions)
@@ -43,9 +43,9 @@ def half_swings(
     dry: bool = True,
     driven: bool = False,
 ) -> HalfSwings:
-    """Swing from `angle` at rest (or with `rate`) for at least `until` [s]; `omega` [1/s] is sqrt(g/L).
+    """Swing from `angle` [rad] at rest (or with `rate` [rad/s]) for at least `until` [s]; `omega` [1/s] is sqrt(g/L).
 
-    Without `dry` friction the bob never sticks; where it is `driven` it is pushed by the time too, and never sticks.
+    Without `dry` friction the bob never sticks.  If it is `driven`, the force depends on time, and it never sticks.
     """
     begin = [np.zeros_like(angle)]
     steps, angles, rates = [], [], []
@@ -74,7 +74,7 @@ def half_swings(
         last = h
         now = begin[-1] + (STEPS - 1) * h if driven else None
         end_a, end_w = runge_kutta(change, a, w, last, now)
-        for _ in range(3):  # Newton to the moment of rest
+        for _ in range(3):  # Newton iteration to the turning point
             bend = change(end_a, end_w) if now is None else change(end_a, end_w, now + last)
             correction = np.where(np.abs(bend) > 1e-9, -end_w / np.where(bend == 0, 1.0, bend), 0.0)
             last = np.clip(last + np.clip(correction, -0.7 * h, 0.7 * h), 0.05 * h, 6 * h)
@@ -92,7 +92,7 @@ def half_swings(
 
 
 def _duration(theta: Array, rate: Array, omega: Array, side: Array) -> Array:
-    """[s] to the next turning point without damping."""
+    """Time [s] to the next turning point without damping."""
     # amplitude from the energy, phase from the harmonic motion of that amplitude
     energy = np.clip(np.cos(theta) - 0.5 * (rate / omega) ** 2, -0.999, 1.0)
     amplitude = np.maximum(np.arccos(energy), 1e-6)
@@ -102,7 +102,7 @@ def _duration(theta: Array, rate: Array, omega: Array, side: Array) -> Array:
 
 
 def runge_kutta(change: Push, a: Array, w: Array, h: Array, time: Array | None = None) -> tuple[Array, Array]:
-    """Angle and rate a step `h` [s] later; `time` [s] is handed on to a push that depends on it."""
+    """Angle and rate after a step `h` [s]; `time` [s] is passed to a `change` that depends on it."""
     begin, middle, end = ((),) * 3 if time is None else ((time,), (time + 0.5 * h,), (time + h,))
     k1 = change(a, w, *begin)
     w2 = w + 0.5 * h * k1
@@ -115,7 +115,7 @@ def runge_kutta(change: Push, a: Array, w: Array, h: Array, time: Array | None =
 
 
 def angle_at(swings: HalfSwings, since: Array, owner: Any) -> tuple[Array, Array]:
-    """Angle [rad] and rate [rad/s] at times `since` the release (settings, rows); at rest before it."""
+    """Angle [rad] and rate [rad/s] at times `since` the release [s] (settings, rows); at rest before it."""
     count, nodes, settings, repetitions = swings.angle.shape
     held = since < 0
     since = np.maximum(since, 0.0)

@@ -1,6 +1,6 @@
 """One or two bobs on threads that swing and collide, integrated for many settings at once.
 
-Steps have a fixed length, shortened to end at each contact; the impact acts there, and the next step starts after it.
+Steps have a fixed length and are shortened to end at each contact.  The impact acts there, before the next step.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.reduced.hermite import hermite
 from rigtwin.sim.reduced.swing import LEAST_RATE, Push, runge_kutta
 
-PER_PERIOD = 50  # steps
-MOST_EXTRA = 40  # contacts followed
+PER_PERIOD = 50  # steps per period
+MOST_EXTRA = 40  # additional steps, one per contact
 
 Gap = Callable[[Array, Array, Array, Array], tuple[Array, Array]]
 """Distance of the surfaces [m] and its rate [m/s] from angles and rates of both bobs."""
 Hit = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
-"""Rates after an impact and its closing speed, from angles, rates, number of the impact."""
+"""Rates after an impact, and its closing speed, from angles, rates and number of the impact."""
 Advance = Callable[[Push, Array, Array, Array], tuple[Array, Array]]
-"""Angle [rad] and rate [rad/s] after a step [s] under a push."""
+"""Angle [rad] and rate [rad/s] after a step [s]."""
 
 
 @dataclass(frozen=True)
 class Encounter:
-    """Intervals (intervals, settings, repetitions) of a motion with contacts; ends are before the impact there."""
+    """Motion with contacts: arrays of shape (intervals, settings, repetitions); ends are before the impact there."""
 
     begin: Array  # [s]
     length: Array  # [s]
@@ -36,7 +36,7 @@ class Encounter:
     rate: tuple[Array, Array]  # [rad/s]
     angle_end: tuple[Array, Array]
     rate_end: tuple[Array, Array]
-    speeds: Array  # [m/s], (impacts, settings, repetitions), closing speed of each; 1 where there was none
+    speeds: Array  # [m/s], (impacts, settings, repetitions), closing speed of each; 1 without an impact
 
 
 def swing_and_hit(
@@ -50,9 +50,9 @@ def swing_and_hit(
     *,
     dry: bool = False,
 ) -> Encounter:
-    """From rest at the angles `start` for at least `until` [s].
+    """Integrate from rest at the angles `start` [rad] for at least `until` [s].
 
-    Friction that is `dry` changes its side where a bob turns, within a step, or holds it there.
+    With `dry` friction the force changes its sign at turning points within a step, or holds the bob there.
     """
     a, b = start
     u, v = np.zeros_like(a), np.zeros_like(b)
@@ -61,10 +61,10 @@ def swing_and_hit(
     speeds = np.ones((impacts, *a.shape))
     step = np.broadcast_to(period / PER_PERIOD, a.shape)
     saved: list[tuple[Array, ...]] = []
-    # a step of the fit that went too far has no end; it is refused for what it predicts
+    # extreme parameters of a fit would need an unlimited number of steps; their prediction is rejected later
     limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
     for _ in range(limit):
-        hit_once = np.where(count > 0, 1.0, 0.0)  # until then the second bob hangs still
+        hit_once = np.where(count > 0, 1.0, 0.0)  # before the first impact the second bob is at rest
 
         def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
             return mobile * push[1](angle, rate)
@@ -79,7 +79,7 @@ def swing_and_hit(
         if touching.any():
             share = _first_zero(np.maximum(distance, 0.0), distance_end, closing * step, closing_end * step)
             length = np.where(touching, step * share, step)
-            for _again in range(2):  # Newton, from a start within a thousandth of the step
+            for _again in range(2):  # Newton iteration, from a start within 1/1000 of the step
                 ends = _both(advance, pushes, a, b, u, v, length)
                 off, speed_off = gap(ends[0], ends[1], ends[2], ends[3])
                 length = np.where(touching, np.clip(length - off / np.minimum(speed_off, -1e-6), 1e-9, step), step)
@@ -111,7 +111,7 @@ def _both(
 
 
 def _dry(push: Push, angle: Array, rate: Array, h: Array) -> tuple[Array, Array]:
-    """The end of a step with dry friction: on one side all the way, then put right where the bob turned."""
+    """Step with dry friction: integrated with one sign of the friction, then corrected if the bob turned."""
     resting = rate == 0
     side = np.where(resting, np.where(angle > 0, -1.0, 1.0), np.sign(rate))
     stuck = resting & (side * push(angle, side * LEAST_RATE) <= 0)
@@ -137,7 +137,7 @@ def _dry(push: Push, angle: Array, rate: Array, h: Array) -> tuple[Array, Array]
 
 
 def _first_zero(high: Array, low: Array, slope: Array, slope_end: Array) -> Array:
-    """Fraction of the step at which a cubic from `high` falls below zero, by halving."""
+    """Fraction of the step at which a cubic from `high` falls below zero, by bisection."""
     left, right = np.zeros_like(high), np.ones_like(high)
     for _ in range(12):
         middle = 0.5 * (left + right)
@@ -147,7 +147,7 @@ def _first_zero(high: Array, low: Array, slope: Array, slope_end: Array) -> Arra
 
 
 def angles_at(motion: Encounter, since: Array, owner: Any, body: Any) -> tuple[Array, Array]:
-    """Angle [rad] and rate [rad/s] of each row's bob at times `since` the release; at rest before it."""
+    """Angle [rad] and rate [rad/s] of each row's bob at times `since` the release [s]; at rest before it."""
     intervals, settings, repetitions = motion.begin.shape
     size = settings * repetitions
     base = np.arange(settings)[:, None] * repetitions + owner[None]

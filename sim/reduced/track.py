@@ -1,4 +1,4 @@
-"""Motion along a straight track, slowed until it stops, for many settings at once."""
+"""Motion along a straight track until it stops, for many settings at once."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from rigtwin.sim.reduced.hermite import hermite
 
 STEPS = 24
 LATE, LONGEST = 1.5, 8.0
-"""In steps: a last one that is longer is no step, and up to how long it tells about when the stop is."""
-MOST_ROUNDS = 12  # of looking for the stop, a third later each at most
-SLOW = 1e-3  # [m/s], a speed that counts as rest at the start
+"""[steps]: length of the last step above which the time of the stop is estimated again; its longest useful length."""
+MOST_ROUNDS = 12  # iterations for the time of the stop, each of which adds at most a third
+SLOW = 1e-3  # [m/s], below which the body counts as at rest at the start
 
 Pull = Callable[[Array, Array, Array], Array]
-"""Acceleration along the track [m/s^2] from the time since the start, the place and the speed."""
+"""Acceleration along the track [m/s^2] from time since the start [s], place [m] and speed [m/s]."""
 
 
 @dataclass(frozen=True)
 class Ride:
-    """Nodes (STEPS + 1, settings, repetitions) of a motion that begins at time 0."""
+    """Motion from time 0: arrays with nodes, shape (STEPS + 1, settings, repetitions)."""
 
     step: Array  # [s]
     end: Array  # [s], of the last node: the stop, or the end of the record
@@ -32,17 +32,17 @@ class Ride:
 
 
 def ride(place: Array, speed: Array, pull: Pull, until: Array, *, may_stop: bool = True) -> Ride:
-    """Ride from `place` at `speed` until `until` [s], or until it stops."""
+    """Integrate from `place` [m] at `speed` [m/s] until `until` [s], or until the body stops."""
     zero = np.zeros_like(place)
     slowing = np.maximum(-pull(zero, place, np.maximum(speed, 1e-4)), 1e-9)
-    # what is let go from rest where it speeds up does not stop
+    # a body released from rest that accelerates does not stop
     slows = may_stop & (speed > SLOW) & (slowing > 1e-6)
     stops = np.where(slows & (speed / slowing < until), speed / slowing, np.inf)
     stopping = np.isfinite(stops)
     for _ in range(MOST_ROUNDS):
         h = np.maximum(np.where(stopping, stops, until), 1e-4) / STEPS
         places, speeds, last = _ridden(place, speed, pull, h, stopping)
-        # a drag wanes with the speed: the stop is later than the first deceleration says
+        # drag decreases with the speed, so the stop is later than estimated from the initial deceleration
         late = stopping & (last > LATE * h)
         if not late.any():
             break
@@ -52,7 +52,7 @@ def ride(place: Array, speed: Array, pull: Pull, until: Array, *, may_stop: bool
 
 
 def _ridden(place: Array, speed: Array, pull: Pull, h: Array, stopping: Any) -> tuple[list[Array], list[Array], Array]:
-    """Places and speeds after each step, and how long the last one takes, which ends where it stops."""
+    """Places and speeds after each step, and the length of the last step, which ends at the stop."""
     places, speeds = [place], [speed]
     t, s, v = np.zeros_like(place), place, speed
     for _ in range(STEPS - 1):
@@ -62,7 +62,7 @@ def _ridden(place: Array, speed: Array, pull: Pull, h: Array, stopping: Any) -> 
         speeds.append(v)
     last = h
     end_s, end_v = _step(pull, t, s, v, last)
-    for _ in range(4):  # Newton to the stop, where it stops
+    for _ in range(4):  # Newton iteration to the stop
         bend = pull(t + last, end_s, np.maximum(end_v, 1e-5))
         correction = np.where(stopping & (bend < -1e-9), -end_v / np.where(bend == 0, 1.0, bend), 0.0)
         last = np.clip(last + correction, 0.05 * h, STEPS * h)
@@ -84,7 +84,7 @@ def _step(pull: Pull, t: Array, s: Array, v: Array, h: Array) -> tuple[Array, Ar
 
 
 def place_at(motion: Ride, since: Array, owner: Any) -> tuple[Array, Array]:
-    """Place [m] and speed [m/s] at times `since` the start (settings, rows); at rest before and after the stop."""
+    """Place [m] and speed [m/s] at times `since` the start [s] (settings, rows); at rest before and after the stop."""
     nodes, settings, repetitions = motion.place.shape
     size = settings * repetitions
     base = np.arange(settings)[:, None] * repetitions + owner[None]

@@ -1,6 +1,4 @@
-"""Filling a rig: particles rain from an outlet or lie scattered in a container, without overlap, seeded; then the wait
-until all rests.
-"""
+"""Filling a rig: particles are poured from an outlet or placed in a container without overlap, and settle."""
 
 from __future__ import annotations
 
@@ -27,46 +25,46 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 Inside = Callable[[Array, float], npt.NDArray[np.bool_]]
-"""Which of the points, shape (n, 3), lie in a container and farther than so many metres from its walls."""
+"""``inside(points, clear)``: which points [m], shape (n, 3), lie in a container and over `clear` [m] from its walls."""
 
-SKIN = 0.2  # of a diameter; a rain makes a list of neighbours short-lived
-LOOK = 0.02  # [s], how often the filling looks at what it did
-CLEAR = 1.02  # of a diameter between new particles
-TRIES = 20  # places tried for each particle that is due
-GIVEN = "as given"  # is a rate, not by a law
+SKIN = 0.2  # [diameters], Verlet skin; small, as falling particles make a neighbour list short-lived
+LOOK = 0.02  # [s], interval of the checks during filling
+CLEAR = 1.02  # [diameters], least distance of the centres of new particles
+TRIES = 20  # positions tried per particle that is due
+GIVEN = "as given"  # origin of a pour rate that the user stated
 LONGEST_POUR = 600.0  # [s]
-PATIENCE = 100  # looks in a row at which no particle found room
-REST_LOOKS = 3  # times in a row
-LOOSEST, TIGHTEST = 1.35, 1.02  # pitch of the lattice, in diameters
+PATIENCE = 100  # checks in a row without room for a particle, after which filling ends
+REST_LOOKS = 3  # checks in a row at rest, after which a bed counts as settled
+LOOSEST, TIGHTEST = 1.35, 1.02  # [diameters], pitch of the lattice
 MIDDLE, NOTHING = np.full(3, 0.5), np.zeros((0, 3))
-THROWN = 0.2  # [m/s], standard deviation of each component; so that no lattice survives the fall
+THROWN = 0.2  # [m/s], standard deviation of each initial velocity component; destroys the lattice during the fall
 
 
 @dataclass(frozen=True)
 class Stillness:
-    """When particles count as resting."""
+    """Limits below which particles count as at rest."""
 
-    energy: float  # their mean kinetic energy, in m g R
+    energy: float  # mean kinetic energy over m g R
     speed: float  # [m/s], of the fastest
 
 
 AT_REST = Stillness(1e-5, 0.01)
-SETTLED = Stillness(1e-3, 0.05)  # a bed that is about to be let go need not be at rest for good
+SETTLED = Stillness(1e-3, 0.05)  # for a filling that is about to be released
 
 
 @dataclass(frozen=True)
 class Outlet:
-    """A round opening above the origin that particles leave downwards."""
+    """Round opening above the origin through which particles are poured downwards."""
 
     diameter: float  # [m]
     height: float  # [m], z
     rate: float  # [1/s]
     speed: float  # [m/s]
-    rate_from: str  # in words
+    rate_from: str  # origin of the rate, in words
 
     @property
     def slab(self) -> float:
-        """Thickness [m] of the layer above the opening into which the particles of one look are set."""
+        """Thickness [m] of the layer above the opening in which the particles of one interval are inserted."""
         return 1.5 * self.speed * LOOK
 
     @property
@@ -76,12 +74,12 @@ class Outlet:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What makes another run of it, without how it is told."""
+        """Settings that decide the outcome of a run, without the wording."""
         return {name: value for name, value in asdict(self).items() if name != "rate_from"}
 
 
 def outlet(particle: Particle, diameter: float, height: float, rate: float | None, least: float) -> Outlet:
-    """The outlet of a hopper; without a `rate` [1/s] that of Beverloo's law, but at least `least`."""
+    """Outlet of a hopper; default `rate` [1/s]: Beverloo's law, but at least `least`."""
     if diameter < 2 * particle.diameter:
         raise BadInput(
             f"outlet_diameter: {diameter * 1e3:.3g} mm lets no particles of {particle.diameter * 1e3:.3g} mm through; "
@@ -97,13 +95,13 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
             rate_from = f"{least:g} per second, above Beverloo's {rate:.0f} {grains}, to keep the run short"
             rate = least
     positive(pour_rate=rate)
-    # as fast as a free discharge leaves, and fast enough that the particles keep clear of each other
+    # speed of a free discharge, or more if the particles would otherwise overlap
     thinnest = rate * particle.diameter**3 / (0.3 * diameter**2)
     return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
 
 
 def need_end(outlet: Outlet, count: int) -> None:
-    """Refuse an outlet that `count` particles take longer to leave than anybody waits for."""
+    """Refuse an outlet through which `count` particles take more than `LONGEST_POUR`."""
     if count / outlet.rate <= LONGEST_POUR:
         return
     named, advice = "count", "give fewer or a wider outlet"
@@ -113,41 +111,42 @@ def need_end(outlet: Outlet, count: int) -> None:
 
 
 def need_bearable(outlet: Outlet, fastest: float) -> None:
-    """Refuse an outlet that particles leave as fast as no time step bears, at `fastest` [m/s] or more."""
+    """Refuse an outlet that particles leave at `fastest` [m/s] or more, too fast for the time step."""
     if outlet.speed < fastest:
         return
     advice = "give a narrower outlet or a larger --stiffness-factor"
     given = outlet.rate_from == GIVEN
-    if given and math.sqrt(GRAVITY * outlet.diameter / 2) < fastest:  # it is the rate that throws them
+    if given and math.sqrt(GRAVITY * outlet.diameter / 2) < fastest:  # the rate, not the free discharge, sets the speed
         most = math.floor(0.99 * outlet.rate * fastest / outlet.speed)
         advice = f"give at most {most} per second, a wider outlet or a larger --stiffness-factor"
     named = "pour_rate: " if given else ""
     raise BadInput(
         f"{named}{outlet.pours} leave an outlet of {outlet.diameter * 1e3:.3g} mm at "
-        f"{outlet.speed:.3g} m/s, and the time step bears {fastest:.3g} m/s; {advice}."
+        f"{outlet.speed:.3g} m/s, but the time step allows at most {fastest:.3g} m/s; {advice}."
     )
 
 
 def need_bearable_fall(name: str, fall: float, speed: float, fastest: float) -> None:
-    """Refuse the setting `name` where particles thrown down at `speed` [m/s] come too fast after a `fall` [m]."""
+    """Refuse the setting `name` if particles released at `speed` [m/s] land too fast after a `fall` [m]."""
     lands = math.sqrt(speed**2 + 2 * GRAVITY * fall)
     if lands >= fastest:
         raise BadInput(
-            f"{name}: after a fall of {fall:.3g} m particles come down at {lands:.3g} m/s, and the time step bears "
-            f"{fastest:.3g} m/s; make it lower, or give a larger --stiffness-factor."
+            f"{name}: after a fall of {fall:.3g} m particles land at {lands:.3g} m/s, but the time step allows at most "
+            f"{fastest:.3g} m/s; give a smaller height, or a larger --stiffness-factor."
         )
 
 
 def arch_in_words(who: str, width: float, particle: Particle) -> str:
-    """What to say of particles that jam the outlet of a hopper, `width` [m] wide."""
+    """Warning text for particles that block the outlet of a hopper, `width` [m] wide."""
     diameters = width / particle.diameter
     return f"{who} arch over the outlet, which is {width * 1e3:.3g} mm or {diameters:.2g} of their diameters wide"
 
 
 def beverloo(particle: Particle, outlet: float, grain: float) -> float:
-    """Particles per second through a round outlet [m], by Beverloo's law; `grain` [m] is the diameter it goes by.
+    """Particles per second through a round outlet of diameter `outlet` [m], by Beverloo's law.
 
-    The bulk density is `PACKING` of the particle's.
+    Mass flow 0.58 rho_b sqrt(g) (D - 1.4 d)^2.5 with d = `grain` [m] and the bulk density rho_b = `PACKING` times the
+    density of the particle.
     """
     flow: float = 0.58 * PACKING * particle.effective_density * math.sqrt(GRAVITY) * (outlet - 1.4 * grain) ** 2.5
     return flow / particle.mass
@@ -155,29 +154,29 @@ def beverloo(particle: Particle, outlet: float, grain: float) -> float:
 
 @dataclass
 class Filling:
-    """How far a filling has come to rest and was let go: with the beads, all that a run needs to go on."""
+    """State of a filling: settling and release; a run resumes from it and from the state of the beads."""
 
-    settling_until: float | None = None  # [s]; None before and after it is waited for
-    quiet: int = 0  # looks in a row at which all rested
-    let_go: float | None = None  # [s], when lid, slide, tube or drum first moved
-    in_time: bool = True  # whether the filling rested before
+    settling_until: float | None = None  # [s]; None while not settling
+    quiet: int = 0  # checks in a row at rest
+    let_go: float | None = None  # [s], time of the release: lid, slide, tube or drum first moved
+    in_time: bool = True  # whether the filling was at rest then
 
     def kept(self) -> dict[str, Any]:
-        """The course in JSON's types."""
+        """The state as JSON data."""
         return dict(vars(self))
 
     def go_on(self, kept: dict[str, Any]) -> None:
-        """Take up a course that was kept."""
+        """Restore a state from `kept`."""
         vars(self).update(kept)
 
 
 @dataclass(kw_only=True)
 class Course(Filling):
-    """How far pouring and settling have come."""
+    """State of pouring and settling."""
 
     random: np.random.Generator
     placed: int = 0
-    patience: int = 0  # looks in a row at which no particle found room
+    patience: int = 0  # checks in a row without room for a particle
 
     def kept(self) -> dict[str, Any]:
         return {**super().kept(), "random": self.random.bit_generator.state}
@@ -198,9 +197,9 @@ def rain(
     count: int,
     progress: Progress,
 ) -> None:
-    """Let particles rain until `count` are placed or no more find room; clumps turned at random.
+    """Pour particles until `count` are placed or no more find room; clumps get random orientations.
 
-    `above` gives the outlet as it stands, and the places [m], shape (n, 3), of what new particles keep clear of.
+    `above` returns the outlet at its present height, and the centres [m], shape (n, 3), that new particles avoid.
     """
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count and course.patience < PATIENCE:
@@ -217,7 +216,7 @@ def rain(
 
 
 def places(occupied: Array, source: Outlet, diameter: float, due: int, rng: np.random.Generator) -> Array:
-    """Up to `due` places in the layer above the outlet, clear of all particles and of each other."""
+    """Up to `due` positions [m] in the layer above the outlet, clear of all particles and of each other."""
     clear2 = (CLEAR * diameter) ** 2
     taken = occupied[occupied[:, 2] > source.height - CLEAR * diameter]
     reach = (source.diameter - diameter) / 2
@@ -239,7 +238,7 @@ def scatter(
 ) -> None:
     """Add `count` particles to a simulation, in the container, which lies in the `box` [m].
 
-    A lattice as loose as fits, every bead moved off its site at random, filled from below.
+    They are placed on the loosest lattice that fits, filled from below, with a random shift from each site.
     """
     sites, shift = _sites(count, inside, box, particle)
     if len(sites) < count:
@@ -258,9 +257,9 @@ def scatter_in_turns(
     progress: Progress,
     said: str = "count",
 ) -> None:
-    """As `scatter`, but what finds no room waits until those before it have fallen: clumps lie closer than lattices.
+    """As `scatter`, but particles without room wait until earlier ones have fallen: clumps pack denser than lattices.
 
-    `said` is the setting that told how many there are.
+    `said` is the setting that determines `count`, for the error message.
     """
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count:
@@ -288,9 +287,9 @@ def _sites(
     taken: Array = NOTHING,
     phase: Array = MIDDLE,
 ) -> tuple[Array, float]:
-    """Sites of the loosest lattice with `count` that are clear of `taken` centres, else of the tightest; lowest first.
+    """Sites of the loosest lattice with `count` sites clear of `taken` centres, else of the tightest; lowest first.
 
-    The lattice begins a `phase` of its pitch behind the box's low corner.  Also how far [m] a site may be moved.
+    The lattice begins `phase` pitches from the low corner of the box.  Also returns how far [m] a site may be shifted.
     """
     for pitch in np.linspace(LOOSEST, TIGHTEST, 12) * particle.diameter:
         shift = float(0.45 * (pitch - particle.diameter))
@@ -318,14 +317,14 @@ def _too_many(count: int, particle: Particle, room: int, said: str = "count") ->
 
 
 def loose_height(particle: Particle, count: int, diameter: float) -> float:
-    """Height [m] in a round container within which `count` particles find room when they are scattered."""
-    # scattered loosely they take five times their volume; a narrow container wastes its edge
+    """Height [m] of a round container in which `count` particles find room on the loose lattice."""
+    # on the loose lattice a particle takes up to five cubes of its diameter; a narrow container loses its edge
     free = math.pi / 4 * (diameter - 0.5 * particle.diameter) ** 2
     return 5 * count * particle.diameter**3 / free + 2 * particle.diameter
 
 
 def resting(grains: Grains, particle: Particle, still: Stillness = AT_REST) -> bool:
-    """Whether the particles rest."""
+    """Whether the particles are at rest."""
     mean = grains.kinetic_energy / max(len(grains.ident), 1)
     fastest = math.sqrt((grains.velocity**2).sum(1).max(initial=0.0))
     return mean < still.energy * particle.mass * GRAVITY * particle.radius and fastest < still.speed
@@ -342,7 +341,7 @@ def settle(
     still: Stillness = AT_REST,
     every: float = LOOK,
 ) -> bool:
-    """Run until all is at rest, looking at it `every` so many seconds; False when it still moved `limit` [s] later."""
+    """Run until all particles rest, with a check `every` [s]; False if they still move after `limit` [s]."""
     steps = max(1, round(every / bulk.time_step))
     if course.settling_until is None:
         course.settling_until = bulk.time + limit
@@ -364,13 +363,13 @@ def settle_and_let_go(
     *,
     every: float = LOOK,
 ) -> None:
-    """Wait until the filling is quiet enough to be let go, and note when that was and whether it was in time."""
+    """Wait until the filling is quiet enough for its release; record the time, and whether the limit was kept."""
     course.in_time = settle(bulk, logbook, course, particle, limit, progress, still=SETTLED, every=every)
     course.let_go, course.settling_until, course.quiet = bulk.time, None, 0
 
 
 def need_gap(name: str, gap: float, particle: Particle) -> None:
-    """Refuse the setting `name`, a `gap` [m] between two upright walls, where no particle finds room in it."""
+    """Refuse the setting `name`, a `gap` [m] between two vertical walls, if it is too narrow for a particle."""
     least = TIGHTEST * particle.diameter
     if gap < least:
         raise BadInput(
@@ -380,7 +379,7 @@ def need_gap(name: str, gap: float, particle: Particle) -> None:
 
 
 def in_tube(diameter: float) -> Inside:
-    """Which points lie in a round tube that stands on z = 0."""
+    """Test for points in a round tube on z = 0."""
 
     def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
         return np.asarray((diameter / 2 - np.hypot(points[:, 0], points[:, 1]) > clear) & (points[:, 2] > clear))
@@ -389,7 +388,7 @@ def in_tube(diameter: float) -> Inside:
 
 
 def funnel(outlet: float, diameter: float, height: float, top: float, bottom: float = 0.0) -> tuple[Shape, ...]:
-    """Walls of a cone as in `in_funnel` and the tube above it up to z = `top`, the lid of the outlet first."""
+    """Walls of a cone as in `in_funnel` and of the tube above it up to z = `top` [m], the lid of the outlet first."""
     from rigtwin.sim.engine.walls.shapes import Cone, Cylinder, Disc
 
     up, narrow, wide = (0.0, 0.0, 1.0), outlet / 2, diameter / 2
@@ -402,9 +401,9 @@ def funnel(outlet: float, diameter: float, height: float, top: float, bottom: fl
 
 
 def in_funnel(outlet: float, diameter: float, height: float, bottom: float = 0.0) -> Inside:
-    """Which points lie in a cone of `height` [m] that opens from `outlet` to `diameter` [m], and the tube above it.
+    """Test for points in a cone of `height` [m] that widens from `outlet` to `diameter` [m], or in the tube above it.
 
-    The outlet is at z = `bottom`.
+    The outlet is at z = `bottom` [m].
     """
     slope = (diameter - outlet) / 2 / height
 

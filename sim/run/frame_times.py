@@ -1,4 +1,4 @@
-"""When the twin's camera looks: the frames of a record taken at a steady rate."""
+"""Times of the frames of a record at a constant frame rate."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy.typing as npt
 
 from rigtwin.lab.errors import BadInput
 
-MOST_FRAMES = 1_000_000  # an hour at 240 Hz; more was a slip of the unit, and would run for hours
+MOST_FRAMES = 1_000_000  # about an hour at 240 Hz; more is likely an error of the unit, and would run for hours
 
 
 def frame_times(duration: float, frame_rate: float) -> npt.NDArray[np.float64]:
-    """Times [s] of the frames of `duration` [s] at `frame_rate` [1/s], two at least, from 0.
+    """Times [s] of the frames of `duration` [s] at `frame_rate` [1/s], from 0, at least two.
 
     >>> frame_times(0.02, 100.0)
     array([0.  , 0.01, 0.02])

@@ -1,4 +1,4 @@
-"""What a run keeps while it goes: frames of its trajectory, checkpoints to go on from, and the books of its energy."""
+"""Log of a bulk simulation: frames of the trajectory, checkpoints, and the energy balance over time."""
 
 from __future__ import annotations
 
@@ -24,36 +24,36 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.energy_budget import Budget
 
 
-SNAPSHOT_INTERVAL = 1.0  # [s] of computing; what Ctrl-C may cost
-RISE_LIMIT = 0.01  # of the energy supplied; a bed that gains more has a step too large for its contacts
+SNAPSHOT_INTERVAL = 1.0  # [s] of computing time that an interrupt (Ctrl-C) may lose
+RISE_LIMIT = 0.01  # spurious energy gain over energy supplied; more means a time step too large for the contacts
 
 
 @dataclass(frozen=True)
 class History:
-    """The books of a run, looked into now and then; arrays of one length.  Overlaps as in `Budget`."""
+    """Energy balance and contact statistics of a run over time; arrays of equal length.  Overlaps as in `Budget`."""
 
     time: Array  # [s]
     kinetic: Array  # [J]
     potential: Array  # [J]
     elastic: Array  # [J]
-    supplied: Array  # [J], brought by the beads poured so far and by moving walls
-    risen: Array  # [J], the most that was gained from nowhere so far: rounding and too large a step
+    supplied: Array  # [J], by the beads poured so far and by moving walls
+    risen: Array  # [J], largest spurious gain so far: rounding, or too large a time step
     beads: Array  # [1], in the domain
     contacts: Array  # [1], between beads
     wall_contacts: Array  # [1]
     mean_overlap: Array  # [1]
     largest_overlap: Array  # [1]
-    adhesive: Array  # [J], of the effects that attract; negative
-    in_flight: Array  # [J], given by effects' forces in flight: drag takes
+    adhesive: Array  # [J], of attractive effects; negative
+    in_flight: Array  # [J], work of the effects' forces in flight; negative for drag
 
     @property
     def dissipated(self) -> Array:
-        """Energy [J] that friction and dashpots took, or that left with the beads that fell."""
+        """Energy [J] dissipated by friction and dashpots, or lost with beads that left the domain."""
         return self.supplied + self.in_flight - self.kinetic - self.potential - self.elastic - self.adhesive
 
 
 class Logbook:
-    """Runs a simulation and writes down what it does; a context in which the run happens.
+    """Runs a simulation and logs it; a context manager around the run.
 
     ::
 
@@ -74,7 +74,7 @@ class Logbook:
         checkpoint: Path | None = None,
         checkpoint_interval: float,
     ) -> None:
-        """`settings` are all that decide the outcome; intervals are [s] simulated and [s] of computing."""
+        """`settings` hold all that decides the outcome; intervals are in [s] of simulated and of computing time."""
         positive(trajectory_interval=trajectory_interval)
         if not checkpoint_interval >= 0:
             positive(checkpoint_interval=checkpoint_interval)
@@ -87,23 +87,23 @@ class Logbook:
             self._checkpoint = Checkpoint(checkpoint, settings, checkpoint_interval)
         self._film_path = trajectory
         self._film: Trajectory | None = None
-        self._added = 0  # beads whose energy is in the books
+        self._added = 0  # beads whose energy is included in the balance
         self._course: dict[str, Any] = {}
-        self._moved = False  # whether a step was made since the run began or was taken up again
+        self._moved = False  # whether a step was made since the run began or was resumed
         self._history: list[dict[str, float]] = []
         self._supplied = self._risen = 0.0
-        self._total = self._most_dissipated = 0.0  # [J], when the last look ended, and ever
-        self._work = 0.0  # [J], of moving walls that is in the books
-        self._snapshot: tuple[dict[str, Any], State, float] | None = None  # of a look, newer than the file
-        self._taken: float | None = None  # [s], when the latest snapshot was taken
-        self._taking = 0.0  # [s], what it cost
-        self._steps_here, self._seconds_here = 0, 0.0  # made by this process, and its time [s] for them
+        self._total = self._most_dissipated = 0.0  # [J], total at the last entry; largest dissipation so far
+        self._work = 0.0  # [J], of moving walls, included in the balance
+        self._snapshot: tuple[dict[str, Any], State, float] | None = None  # state newer than the checkpoint file
+        self._taken: float | None = None  # [s], time of the latest snapshot
+        self._taking = 0.0  # [s], computing time of a snapshot
+        self._steps_here, self._seconds_here = 0, 0.0  # steps of this process, and its time [s] for them
         self._began = time.process_time()
-        self._computed_before = 0.0  # [s] of processor time, by the processes whose checkpoint this one took up
-        self.first_frame: float | None = None  # [s], when a trajectory began after the run did
+        self._computed_before = 0.0  # [s], processor time of the resumed run's earlier processes
+        self.first_frame: float | None = None  # [s], start of a trajectory that does not begin with the run
 
     def resume(self) -> dict[str, Any] | None:
-        """Bring the simulation to its checkpoint and say how far the run had come; None when it begins."""
+        """Restore the checkpoint and return the state of the run; None for a new run."""
         kept = self._checkpoint.read() if self._checkpoint else None
         frames, course = 0, None
         if kept is not None:
@@ -113,8 +113,8 @@ class Logbook:
             course, frames, self._history = books["course"], books["frames"], books["history"]
             self._supplied, self._risen, self._total, self._most_dissipated, self._work = books["energy"]
             self.first_frame = books["first_frame"]
-            told = books.get("computing")
-            self._computed_before = math.nan if told is None else told  # earlier checkpoints do not tell
+            stored = books.get("computing")
+            self._computed_before = math.nan if stored is None else stored  # checkpoints of old versions lack it
         if self._film_path is not None:
             self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
             walls = self._film_path.with_name(f"{self._film_path.stem}-walls.vtk")
@@ -124,7 +124,7 @@ class Logbook:
         return course
 
     def run(self, steps: int) -> None:
-        """Make `steps` steps, with a frame whenever its time has come."""
+        """Make `steps` time steps and write the frames that fall due."""
         if self._bulk.added != self._added:
             self._added = self._bulk.added
             self._supplied += self._bulk.budget().total - self._total
@@ -148,7 +148,7 @@ class Logbook:
         self._enter(self._bulk.budget())
 
     def look(self, course: Mapping[str, Any]) -> None:
-        """Write a checkpoint when one is due; `course` tells how far the run has come, in JSON's types."""
+        """Write a checkpoint if one is due; `course` is the state of the run, as JSON data."""
         if self._checkpoint is not None:
             self._course = dict(course)
             if self._checkpoint.due:
@@ -159,18 +159,18 @@ class Logbook:
 
     @property
     def computing(self) -> float:
-        """Processor time [s] of the run so far, that before its checkpoint included."""
+        """Processor time [s] of the run so far, including that before its checkpoint."""
         return self._computed_before + time.process_time() - self._began
 
     @property
     def history(self) -> History:
-        """The books so far."""
+        """The energy balance so far."""
         return History(
             **{item.name: np.array([entry.get(item.name, 0.0) for entry in self._history]) for item in fields(History)}
         )
 
     def statistics(self) -> dict[str, float]:
-        """How the run went: its steps, and the books' last line and extremes."""
+        """Statistics of the run: steps, and last values and extremes of the energy balance."""
         bulk, books = self._bulk, self.history
         course = {
             "time_step_s": bulk.time_step,
@@ -201,15 +201,15 @@ class Logbook:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the run, in words."""
+        """Warnings about the run."""
         warnings = []
         if self._risen > RISE_LIMIT * abs(self._supplied):
             warnings.append(
-                f"the energy budget does not close: {self._risen:.3g} J came from nowhere, of "
+                f"the energy budget does not close: {self._risen:.3g} J were gained without a source, of "
                 f"{self._supplied:.3g} J supplied; give a smaller --time-step-fraction"
             )
         if self.first_frame is not None:
-            warnings.append(f"the trajectory begins at t = {self.first_frame:.4g} s, where the run was taken up again")
+            warnings.append(f"the trajectory begins at t = {self.first_frame:.4g} s, where the run was resumed")
         return tuple(warnings)
 
     def __enter__(self) -> Logbook:
@@ -218,7 +218,7 @@ class Logbook:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # frames made before a failure are what one wants to see; they get their name too
+        # frames written before a failure help to find its cause, so the file is closed under its name in that case, too
         if self._film is not None:
             if kind is None and self._moved:
                 self._film.add(self._bulk.beads(), self._bulk.time, self._bulk.steps)
@@ -235,7 +235,7 @@ class Logbook:
         self._total = budget.total
         self._supplied += budget.work - self._work
         self._work = budget.work
-        # friction gives nothing back, and what falls out of the domain only takes energy away: it came from above
+        # dissipation never decreases; beads that fall out of the domain only remove energy, as they came from above
         dissipated = self._supplied + budget.in_flight - self._total
         self._most_dissipated = max(self._most_dissipated, dissipated)
         self._risen = max(self._risen, self._most_dissipated - dissipated)
@@ -243,19 +243,19 @@ class Logbook:
         self._history.append({**numbers, "time": self._bulk.time, "supplied": self._supplied, "risen": self._risen})
 
     def _remember(self) -> None:
-        """Keep the state of a look for Ctrl-C, which comes between two looks; at most a twentieth of the time."""
+        """Take a snapshot for an interrupt between two checks; limited to 1/20 of the computing time."""
         began = time.perf_counter()
         if self._taken is not None and began - self._taken < max(SNAPSHOT_INTERVAL, 20 * self._taking):
             return
         self._snapshot = self._now()
         first, self._taken = self._taken is None, time.perf_counter()
-        # the first snapshot waits for the kernels that read the state to be compiled; no later one costs as much
+        # the first snapshot includes the compilation of the kernels that read the state
         self._taking = 0.0 if first else self._taken - began
 
     def _now(self) -> tuple[dict[str, Any], State, float]:
-        """What goes into a checkpoint."""
+        """Content of a checkpoint."""
         books = {
-            "course": copy.deepcopy(self._course),  # its lists grow on
+            "course": copy.deepcopy(self._course),  # its lists keep growing
             "frames": self._film.frames if self._film else 0,
             "first_frame": self.first_frame if self._film else None,
             "history": list(self._history),

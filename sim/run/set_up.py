@@ -1,4 +1,4 @@
-"""What every twin of many particles begins with: who takes part, by which numerics, and what is kept of the run."""
+"""Set-up of a bulk simulation: particles, walls, numerical settings, and the log of the run."""
 
 from __future__ import annotations
 
@@ -26,31 +26,31 @@ if TYPE_CHECKING:
 
 
 FRAME_INTERVAL = 0.01  # [s]
-CHECKPOINT_INTERVAL = 60.0  # [s] of computing; what a power cut may cost
-OVERLAP_LIMIT = 0.05  # of a radius; softer contacts than this bend the result
+CHECKPOINT_INTERVAL = 60.0  # [s] of computing time that a power cut may lose
+OVERLAP_LIMIT = 0.05  # overlap over radius; softer contacts change the result
 
 
 class Numerics(TypedDict, total=False):
-    """How a twin of many particles is worked out; none of it is the experimenter's."""
+    """Numerical settings of a bulk simulation, which have no counterpart in the experiment."""
 
-    stiffness_factor: float  # Young's moduli are multiplied by it; a thousandth (Hlosta et al. 2020, section 2.2.3)
-    time_step_fraction: float  # of Rayleigh's step; 30 %
-    forced: bool  # even an unstable step is taken
-    device: Device  # "cpu"; "cuda" where there is one, else the CPU, and the result says so; "auto": without a word
-    rolling: Rolling  # "type C"
-    contact_law: ContactLaw  # "Hertz-Mindlin"
-    impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; 1 m/s
-    effects: Effects  # those of a model, by name
-    threads: int | None  # None: all
-    trajectory: Path | None  # .gsd or .vtkhdf, with the walls beside it in <stem>-walls.vtk
-    trajectory_interval: float  # [s] simulated
-    checkpoint: Path | None  # a run whose file is there goes on from it, and ends with the same bits
-    checkpoint_interval: float  # [s] of computing
+    stiffness_factor: float  # factor of Young's moduli; default 0.001 (Hlosta et al. 2020, section 2.2.3)
+    time_step_fraction: float  # time step over Rayleigh's; default 0.3
+    forced: bool  # accept even an unstable time step
+    device: Device  # default "cpu"; "cuda" falls back to the CPU with a warning, "auto" without one
+    rolling: Rolling  # default "type C"
+    contact_law: ContactLaw  # default "Hertz-Mindlin"
+    impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; default 1 m/s
+    effects: Effects  # effects of a model by name
+    threads: int | None  # None: all cores
+    trajectory: Path | None  # .gsd or .vtkhdf; the walls are written to <stem>-walls.vtk
+    trajectory_interval: float  # [s], simulated time
+    checkpoint: Path | None  # an existing file is resumed, with bit-identical results
+    checkpoint_interval: float  # [s], computing time
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A rig, what is filled into it, and the numerics."""
+    """A rig, its particles and walls, and the numerical settings."""
 
     rig: Rig
     particle: Particle
@@ -62,9 +62,11 @@ class Bench:
     def __post_init__(self) -> None:
         positive(stiffness_factor=self.stiffness_factor)
         if self.stiffness_factor > 1:
-            raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} would stiffen the beads; give at most 1.")
+            raise BadInput(
+                f"stiffness_factor: {self.stiffness_factor:g} is above 1; give at most 1, the real stiffness."
+            )
         self.time_step()
-        positive(impact_speed=self.impact_speed)  # last: where it is not given, the engine is imported for it
+        positive(impact_speed=self.impact_speed)  # last: its default imports the engine
 
     @property
     def stiffness_factor(self) -> float:
@@ -86,24 +88,24 @@ class Bench:
 
     @property
     def soft(self) -> Particle:
-        """The particle as it is simulated."""
+        """The particle with softened moduli, as it is simulated."""
         return replace(self.particle, material=self.particle.material.softened(self.stiffness_factor))
 
     def time_step(self) -> tuple[float, tuple[str, ...]]:
-        """[s], with what speaks against it."""
+        """Time step [s] and warnings about it."""
         fraction, forced = self.numerics.get("time_step_fraction", USUAL), self.numerics.get("forced", False)
         return time_step([self.soft], fraction, forced=forced)
 
     @property
     def fastest(self) -> float:
-        """[m/s], that a bead or a wall may have: what goes further in a step misses contacts."""
+        """Largest speed [m/s] of a bead or a wall; a faster one moves too far in a step and misses contacts."""
         from rigtwin.sim.engine.bulk.bulk import STEP_IN_RADII
 
         return STEP_IN_RADII * min(self.soft.radii) / self.time_step()[0]
 
     @property
     def falls_freely(self) -> bool:
-        """Whether weight alone acts on what falls, and no force that an effect brings, as the drag of air."""
+        """Whether gravity alone acts on falling particles, without forces of effects such as air drag."""
         from rigtwin.sim.engine.effect_terms import acting_among
 
         active, _ = acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)
@@ -117,7 +119,7 @@ class Bench:
         skin: float | None = None,
         open_domain: bool = True,
     ) -> Bulk:
-        """The simulation, still without beads, in a `domain` [m] from its low to its high corner."""
+        """Simulation without beads, in a `domain` [m] from its low to its high corner."""
         from rigtwin.sim.engine.bulk.bulk import SKIN, Bulk
         from rigtwin.sim.engine.walls.shapes import Wall
 
@@ -141,14 +143,14 @@ class Bench:
         )
 
     def logbook(self, bulk: Bulk, **settings: Any) -> Logbook:
-        """What runs `bulk` and writes it down; `settings` are those of the rig's own that decide the outcome."""
+        """Log that runs `bulk`; `settings` are the settings of the rig that decide the outcome."""
         from rigtwin.sim.run.run_log import Logbook
 
         parts = ("rig", "particle", "wall", "contact", "wall_contact")
         numerics = {
             "stiffness_factor": self.stiffness_factor,
             "time_step_fraction": self.numerics.get("time_step_fraction", USUAL),
-            "device": bulk.device,  # the last bits are another one's
+            "device": bulk.device,  # devices differ in the last bits
             "rolling": self.rolling,
             **self._lever(),
             "contact_law": self.contact_law,
@@ -165,7 +167,7 @@ class Bench:
         )
 
     def assumptions(self) -> dict[str, str]:
-        """The numerics in words, for the result."""
+        """Numerical settings in words, for the result."""
         acting, _ = self._effects()
         effects = {"effects": ", ".join(one.effect.name.replace("_", " ") for one in acting)} if acting else {}
         linear = f"linear springs, as stiff as Hertz's contacts at {self.impact_speed:g} m/s"
@@ -179,7 +181,7 @@ class Bench:
         }
 
     def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:
-        """What speaks against the numerics of a run that ended."""
+        """Warnings about the numerical settings of a finished run."""
         said = [*self.time_step()[1], *logbook.warnings, *([bulk.note] if bulk.note else [])]
         said += self._effects()[1]
         if bulk.largest_overlap > OVERLAP_LIMIT:
@@ -187,23 +189,23 @@ class Bench:
         return tuple(said)
 
     def _lever(self) -> dict[str, str]:
-        """What tells a clump's run under type A from earlier ones, whose lever was the radius of the touched sphere."""
+        """Setting that separates a clump's run under type A from older ones, which used the touched sphere's radius."""
         if self.rolling == "type C" or self.particle.shape is None:
             return {}
         return {"rolling_lever": "from a contact to the centre of mass"}
 
     def _effects(self) -> tuple[tuple[Active, ...], tuple[str, ...]]:
-        """Effects of the model that act here, and what is to be said of those that do not."""
+        """Effects of the model that act here, and warnings about those that do not."""
         from rigtwin.sim.engine.effect_terms import acting_among
 
         return acting_among(self.numerics.get("effects", NO_EFFECTS), self.particle)
 
 
 def pressed(most: float, seen: Array) -> str:
-    """What to say of beads that are too soft, from the largest overlaps [radii] of the whole run and at each look.
+    """Warning about soft beads, from the largest overlaps [radii] of the whole run and at each check.
 
-    A bead that falls a metre onto a bed is pressed in for a tenth of a millisecond; that bends rebounds, and leaves the
-    bed as it would lie anyway.  What most looks show is no impact: a bed that lies or flows, if only until it is gone.
+    An impact lasts about 0.1 ms; its overlap changes the rebound but not the bed at rest.  An overlap that most checks
+    show is not an impact but that of a bed that rests or flows.
     """
     lasting = float(max(np.median(seen), seen[-1]))
     if lasting > OVERLAP_LIMIT:

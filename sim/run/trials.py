@@ -1,4 +1,4 @@
-"""Many trials of a rig of few bodies: what each shows its camera, all of them worked out side by side."""
+"""Many trials of a rig with few bodies, simulated in parallel and sampled by a camera."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 _Trial = TypeVar("_Trial")
 _Ready = TypeVar("_Ready")
 
-FRAMES_AT_REST = 5  # shown before anything moves
-TRACK_SIGMA = 1e-6  # [m], the step is halved until samples move by less
+FRAMES_AT_REST = 5  # frames before the release
+TRACK_SIGMA = 1e-6  # [m], standard uncertainty; the step is halved until positions change by less
 
 
 @dataclass(frozen=True, eq=False)
 class Release:
-    """Bodies at rest until they are let go after some frames."""
+    """Bodies that are at rest for some frames and are then released."""
 
     time: Array  # [s], of all frames, shape (k,)
-    case: Case  # from the moment when they are let go
+    case: Case  # from the release on
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Where the bodies are in each frame."""
+    """Positions of the bodies in each frame."""
 
     time: Array  # [s], shape (k,)
     position: Array  # [m], shape (k, n, 3)
@@ -41,7 +41,7 @@ class Seen:
 
 
 def each(trials: Sequence[_Trial], kind: type[_Trial], prepare: Callable[[_Trial], _Ready]) -> Iterator[_Ready]:
-    """The trials made ready, all of one `kind`; what is wrong with one of many says with which."""
+    """Prepare the trials, all of one `kind`; an error of one of many names the trial."""
     for k, trial in enumerate(trials):
         try:
             of_kind(trial, kind)
@@ -51,7 +51,7 @@ def each(trials: Sequence[_Trial], kind: type[_Trial], prepare: Callable[[_Trial
 
 
 def name(place: int, trials: Sequence[object]) -> str:
-    """By which errors call one of many; one alone needs no name."""
+    """Name of a trial in error messages; empty for a single one."""
     return f"trials[{place}]" if len(trials) > 1 else ""
 
 
@@ -61,7 +61,7 @@ def released(time: Array, frame_rate: float) -> Array:
 
 
 def film(releases: Sequence[Release], *, threads: int | None = None, progress: Progress) -> list[Seen | RigtwinError]:
-    """What cameras see of these releases, worked out in one launch with the step halved until nothing moves."""
+    """Records of these releases, simulated in one launch; the step is halved until positions converge."""
     from rigtwin.sim.engine.few.few_body import run_many_halved
 
     moving = [k for k, release in enumerate(releases) if len(release.case.times)]

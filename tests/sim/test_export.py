@@ -1,4 +1,4 @@
-"""Parameters for other codes: the same torques and the same rebound in their conventions."""
+"""Export to other codes: the same torques and the same restitution in their conventions."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def test_no_coefficient_gives_unequal_spheres_two_torques_where_they_feel_one():
 
 
 @given(restitution=st.floats(0.22, 1))
-def test_liggghts_gets_the_restitution_whose_usual_damping_is_ours(restitution):
+def test_the_restitution_for_liggghts_gives_our_damping_ratio(restitution):
     made = export("liggghts", D6, STEEL, Contact(restitution), ON_STEEL)
     there = made.between.restitution
     usual = -math.log(there) / math.hypot(math.pi, math.log(there))
@@ -63,13 +63,13 @@ def test_liggghts_reads_pairs_of_types_in_order():
 
 
 @pytest.mark.parametrize("code", ["edem", "liggghts"])
-def test_softened_moduli_are_told(code):
-    words = "the moduli are 0.001 of the materials' own"
+def test_the_output_states_that_the_moduli_are_softened(code):
+    words = "the moduli are 0.001 of the real ones"
     assert words in export(code, D6, STEEL, AMONG, ON_STEEL).text
     assert words not in export(code, D6, STEEL, AMONG, ON_STEEL, stiffness_factor=1.0).text
 
 
-def test_what_liggghts_wants_confirmed_is_said():
+def test_moduli_out_of_liggghts_range_get_the_confirming_command():
     rubber = Particle("ball", Material("rubber", 1100, 1e7, 0.49), 6e-3)
 
     def wants(factor):
@@ -79,16 +79,16 @@ def test_what_liggghts_wants_confirmed_is_said():
     assert [wants(factor) for factor in (0.1, 1, 1e-3)] == [["soft", "hard"], ["hard"], ["soft"]]
 
 
-def test_a_step_that_is_doubtful_says_so():
+def test_a_large_time_step_gives_a_warning():
     made = export("edem", D6, STEEL, AMONG, ON_STEEL, time_step_fraction=0.5)
     assert "50%" in made.warnings[0]
     assert made.warnings[0] in made.text
 
 
-def test_what_no_code_can_be_told_is_refused():
+def test_clumps_low_restitution_and_unknown_codes_are_refused():
     with pytest.raises(BadInput, match="clump"):
         export("edem", hlosta2020.particle("C6_8s-a"), STEEL, AMONG, ON_STEEL)
-    with pytest.raises(BadInput, match="LIGGGHTS can damp to"):
+    with pytest.raises(BadInput, match="smallest that LIGGGHTS can reach"):
         export("liggghts", D6, STEEL, Contact(0.1), ON_STEEL)
     with pytest.raises(BadInput, match="unknown"):
         export("yade", D6, STEEL, AMONG, ON_STEEL)
@@ -97,9 +97,9 @@ def test_what_no_code_can_be_told_is_refused():
 def test_the_command_writes_a_file_and_json(tmp_path, capsys):
     path = tmp_path / "new" / "d6.in"
     assert run(["export", "liggghts", "--particle", "D6", "--wall", "steel", "--out", str(path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["contacts"]["particle-particle"]["rolling_friction"] == pytest.approx(0.16)
-    assert f"timestep {told['time_step_s']:.10g}" in path.read_text()
+    written = json.loads(capsys.readouterr().out)
+    assert written["contacts"]["particle-particle"]["rolling_friction"] == pytest.approx(0.16)
+    assert f"timestep {written['time_step_s']:.10g}" in path.read_text()
     assert run(["export", "edem"]) == 0
     assert "rolling friction 0.08" in capsys.readouterr().out
     assert run(["export", "edem", "--out", str(tmp_path)]) == 2

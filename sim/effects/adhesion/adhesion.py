@@ -1,4 +1,14 @@
-"""Adhesion at the contact: each impact loses one fixed energy, so slow impacts bounce less and at last stick."""
+"""Adhesion at an impact: each impact loses a fixed energy, so slow impacts rebound less and finally stick.
+
+Formula: e'^2 = e^2 - 2 W/(m v^2), W ~ R^(4/3)
+
+W = work (R / 3 mm)^(4/3), v the impact speed, m and R mass and radius of the bead.
+
+Parameters:
+- `work` [J], 0 to 0.0001, typically 1e-07: energy lost per impact of a 6 mm bead
+
+Source: Johnson, Kendall & Roberts 1971; Thornton & Ning 1998
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Adhesion of two elastic spheres after Johnson, Kendall and Roberts, with the neck that holds while they part."""
+"""Adhesion of two elastic spheres (JKR), including the neck that holds while they separate.
+
+Formula: F = 4 E* a^3/(3 R*) - sqrt(8 pi w E* a^3), d = a^2/R* - sqrt(2 pi w a/E*)
+
+a is the contact radius, d the overlap, E* and R* the effective modulus and radius.
+
+Parameters:
+- `work` [J/m^2], 0 to 100, typically 0.05: w, work of adhesion of the two surfaces
+
+Source: Johnson, Kendall & Roberts 1971
+"""
 
 from typing import Any
 

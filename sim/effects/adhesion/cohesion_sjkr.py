@@ -1,4 +1,14 @@
-"""Linear cohesion: a pull in proportion to the area of contact (simplified JKR)."""
+"""Linear cohesion (simplified JKR): an attractive force proportional to the contact area.
+
+Formula: F = k A, A = 2 pi R* d
+
+d is the overlap, R* the effective radius.
+
+Parameters:
+- `energy_density` [J/m^3], 0 to 1e+09, typically 100000: k, pull per area of contact
+
+Source: the linear form used in bulk simulation after Johnson, Kendall & Roberts 1971
+"""
 
 from typing import Any
 

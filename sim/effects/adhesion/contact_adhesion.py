@@ -1,4 +1,14 @@
-"""The clump sticks to the arm: friction has a force beside the weight."""
+"""Adhesion between clump and arm: adds to the normal force that friction acts on.
+
+Formula: mu_s = mu (1 + F_a/N)
+
+N is the normal force of the weight, mu the friction coefficient without adhesion.
+
+Parameters:
+- `force` [N], 0 to 1, typically 0.001: at rest
+
+Source: Bowden & Tabor 1950
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""The camera is turned about its axis: the vertical leans in the picture."""
+"""Camera roll: the camera is turned about its optical axis, so that the vertical leans in the image.
+
+Formula: x' = x cos(phi) - y sin(phi), y' = x sin(phi) + y cos(phi)
+
+phi is the parameter `angle`.
+
+Parameters:
+- `angle` [rad], -0.3 to 0.3, typically 0.01: of the picture, anticlockwise
+
+Source: camera geometry
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""The camera's true frame rate is not the stated one."""
+"""Frame rate error: the true frame rate of the camera differs from the stated one.
+
+Formula: t_true = t / (1 + f)
+
+f is the parameter `relative`; a camera that is faster than stated took its frames earlier.
+
+Parameters:
+- `relative` [dimensionless], -0.8 to 4, typically 0.005: true over stated rate, less 1
+
+Source: camera clock
+"""
 
 from typing import Any
 

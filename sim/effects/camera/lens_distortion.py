@@ -1,4 +1,14 @@
-"""The lens bends straight lines: the scale changes with the distance from the middle of the picture."""
+"""Radial lens distortion: the scale changes with the distance from the origin of the coordinates.
+
+Formula: r' = r (1 + k1 r^2)
+
+r is the distance from the origin of the coordinates, in the plane of motion.
+
+Parameters:
+- `radial` [1/m^2], -2 to 2, typically 0.05: k1 of the plane of motion
+
+Source: Brown 1966
+"""
 
 from typing import Any
 

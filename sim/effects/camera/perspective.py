@@ -1,4 +1,15 @@
-"""The camera looks up or down, or the motion leaves the plane: the scale changes with height."""
+"""Perspective: the camera looks up or down, so that the scale changes with height.
+
+Formula: (x', y' - y_0') = (x, y - y_0) / (1 - p (y - y_0))
+
+p is `gradient`, y_0 is `level`.
+
+Parameters:
+- `gradient` [1/m], -1 to 1, typically 0.05: relative change of scale per metre of height
+- `level` [m], -2 to 2, typically 0.1: height at which the stated scale is right
+
+Source: pinhole camera; Hartley & Zisserman 2004
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Rows of a picture are read one after the other: what is high in it is seen earlier or later."""
+"""Rolling shutter: image rows are read one after another, so the exposure time depends on the height.
+
+Formula: t_true = t + r y
+
+r is `delay`, y [m] the height in the plane of motion.
+
+Parameters:
+- `delay` [s/m], -0.2 to 0.2, typically 0.003: row delay per height
+
+Source: CMOS read-out; Meingast, Geyer & Sastry 2005
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Frames are not taken evenly: the noise along the path grows with the speed."""
+"""Timestamp jitter: frames are not evenly spaced, so the noise along the path grows with the speed.
+
+Formula: sigma^2 = sigma_0^2 + (v tau)^2 along the path
+
+tau is `std`, v the speed; the effect widens the noise and moves no position.
+
+Parameters:
+- `std` [s], 0 to 0.05, typically 0.0002: standard deviation of a frame's time
+
+Source: camera clock
+"""
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 

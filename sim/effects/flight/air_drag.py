@@ -1,4 +1,14 @@
-"""Air drag, quadratic in the speed: form drag of a sphere."""
+"""Quadratic air drag: form drag of a sphere with a constant drag coefficient.
+
+Formula: F = rho_air C_D pi R^2 v^2 / 2
+
+rho_air = 1.2 kg/m^3, R the radius, v the speed.
+
+Parameters:
+- `drag_coefficient` [dimensionless], 0 to 5, typically 0.44: C_D
+
+Source: Newton 1687; Clift, Grace, Weber 1978, table 5.2 (C_D of a sphere 0.44 for Re > 1000)
+"""
 
 from typing import Any
 

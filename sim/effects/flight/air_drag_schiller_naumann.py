@@ -1,4 +1,14 @@
-"""Air drag of a sphere from Stokes over the intermediate Reynolds numbers to Newton, no free coefficient."""
+"""Air drag of a sphere from the Stokes through the intermediate to the Newton range (Schiller-Naumann).
+
+Formula: F = 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta; C_D = 0.44 beyond Re = 1000
+
+eta = 1.8e-5 Pa s, rho = 1.2 kg/m^3; without a free coefficient for a smooth sphere.
+
+Parameters:
+- `multiplier` [dimensionless], 0 to 5, typically 1: 1 for a smooth sphere
+
+Source: Schiller & Naumann 1933; Clift, Grace & Weber 1978
+"""
 
 from typing import Any
 

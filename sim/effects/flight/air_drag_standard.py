@@ -1,4 +1,14 @@
-"""Air drag of a smooth sphere by the standard drag curve, as Brown and Lawler fitted it to all the measurements."""
+"""Air drag of a smooth sphere by the standard drag curve, in the fit of Brown and Lawler.
+
+Formula: C_D = 24 / Re (1 + 0.15 Re^0.681) + 0.407 / (1 + 8710 / Re), Re < 2e5
+
+F = C_D rho pi R^2 v^2 / 2 with Re = 2 R v rho / eta, rho = 1.2 kg/m^3, eta = 1.8e-5 Pa s.
+
+Parameters:
+- `multiplier` [dimensionless], 0 to 5, typically 1: 1 for a smooth sphere
+
+Source: Brown & Lawler 2003
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Buoyancy and added mass in air: a light bead falls with less than g."""
+"""Buoyancy and added mass in air: a light bead falls with less than g.
+
+Formula: g' = g (1 - s)/(1 + s/2), s = rho_air/rho_bead
+
+s is the ratio of densities, with rho_air = 1.2 kg/m^3.
+
+Parameters:
+- `multiplier` [dimensionless], 0 to 4, typically 1: 1 in air of 1.2 kg/m^3
+
+Source: Batchelor 1967, section 6.8
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Electrostatic attraction of a charged bead by its image in the plate."""
+"""Electrostatic attraction of a charged bead by its image charge in the plate.
+
+Formula: F = q^2 / (16 pi eps0 z^2)
+
+q is `charge`, z the distance from the plate to the bead's centre.
+
+Parameters:
+- `charge` [C], 0 to 2e-08, typically 5e-10: charge of the bead
+
+Source: image charge; Jackson 1999, section 2.1
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Viscous drag of the air, linear in the speed (Stokes)."""
+"""Linear (Stokes) drag of the air.
+
+Formula: F = 6 pi eta R v
+
+eta = 1.8e-5 Pa s, R the radius, v the speed.
+
+Parameters:
+- `multiplier` [dimensionless], 0 to 500, typically 10: 1 for Re << 1
+
+Source: Stokes 1851
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Contacts strengthen while they rest: the friction at slip grows with the logarithm of the waiting time."""
+"""Ageing of a resting contact: the static friction grows with the logarithm of the waiting time.
+
+Formula: mu = mu_0 + B ln(1 + t/1 s)
+
+t is the waiting time; the code writes the logarithm as the limit of a power.
+
+Parameters:
+- `rate` [dimensionless], -0.1 to 0.3, typically 0.01: B, per factor e of the time
+
+Source: Dieterich 1979
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Friction falls as soon as it slides: the static coefficient is above the kinetic one."""
+"""Friction drop: the kinetic friction coefficient is below the static one.
+
+Formula: mu_k = (1 - s) mu_s
+
+s is the parameter `drop`.
+
+Parameters:
+- `drop` [dimensionless], 0 to 0.9, typically 0.1: 1 - mu_k/mu_s
+
+Source: Coulomb 1785; Rabinowicz 1951
+"""
 
 from typing import Any
 

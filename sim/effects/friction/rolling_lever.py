@@ -1,4 +1,14 @@
-"""Rolling resistance as a lever arm: one length of the material pair, so that small beads roll worse."""
+"""Rolling resistance as a lever arm: a length of the material pair, so that small beads roll less easily.
+
+Formula: mu_r = b/R
+
+R is the radius of the bead; b/R is added to the other rolling friction.
+
+Parameters:
+- `lever` [m], 0 to 0.005, typically 0.0001: b, from the centre of pressure to the centre
+
+Source: Johnson 1985, section 9.1; Hlosta et al. 2020, table 10
+"""
 
 from typing import Any
 

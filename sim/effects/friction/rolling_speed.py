@@ -1,4 +1,14 @@
-"""Rolling friction grows with the speed."""
+"""Rolling friction that grows with the speed.
+
+Formula: mu_r = mu_0 + k v
+
+v is the rolling speed, k is `slope`.
+
+Parameters:
+- `slope` [s/m], -0.2 to 1, typically 0.02: growth of mu_r per speed
+
+Source: Brilliantov & Poschel 1998
+"""
 
 from typing import Any
 

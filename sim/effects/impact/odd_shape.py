@@ -1,4 +1,14 @@
-"""The bead is no sphere: its rebounds scatter in direction far more than those of one."""
+"""Non-spherical bead: the directions of its rebounds scatter far more than those of a sphere.
+
+Formula: v_x' = (1 + e) v sin(theta), theta drawn anew at each impact
+
+theta is the random tilt of the contact normal, v the impact speed.
+
+Parameters:
+- `scatter` [dimensionless], 0 to 2, typically 0.1: sd of the sideways speed over the impact speed
+
+Source: Cross 2002; Hlosta et al. 2020, table 11 (scatter of the restitution of cubes)
+"""
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 

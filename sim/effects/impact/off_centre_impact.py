@@ -1,4 +1,14 @@
-"""The beads do not meet on their line of centres: part of the push goes out of the plane of motion."""
+"""Off-centre impact: the beads do not meet on their line of centres; part of the impulse leaves the plane of motion.
+
+Formula: 1 + e' = (1 + e)(1 - (b/d)^2)
+
+e is the restitution along the line of centres, e' the one seen in the plane of motion.
+
+Parameters:
+- `offset` [dimensionless], 0 to 0.9, typically 0.2: b/d, of a diameter
+
+Source: geometry; Foerster et al. 1994
+"""
 
 from typing import Any
 

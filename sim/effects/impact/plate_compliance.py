@@ -1,4 +1,18 @@
-"""Bending waves in a thin plate carry energy away: larger loss for larger, denser and faster beads."""
+"""Plate compliance: bending waves in a thin plate carry energy away, more for larger, denser and faster beads.
+
+Formula: e = e_0 exp(-1.72 k lambda (v / 1 m/s)^(1/5)), lambda = pi^(3/5)/sqrt(3) (R/h)^2 rho^(3/5) E*^(2/5) / (rho_p
+    E_p/(1 - nu_p^2))^(1/2)
+
+k is `strength`, e_0 the restitution on a rigid block, lambda Zener's inelasticity at 1 m/s, h the plate's thickness,
+R and rho the bead's radius and density, rho_p, E_p and nu_p the plate's density, modulus and Poisson's ratio.
+
+Parameters:
+- `strength` [dimensionless], 0 to 300, typically 10: loss over that to a wide plate that bends freely
+- `plate` [dimensionless], 0 to 10, typically 0.005: Zener's inelasticity at 1 m/s of a bead of 6 mm and 1000 kg/m^3
+  on the plate; 0.005 for wood on 10 mm of glass
+
+Source: Zener 1941
+"""
 
 import math
 from collections.abc import Mapping

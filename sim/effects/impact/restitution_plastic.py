@@ -1,4 +1,14 @@
-"""Restitution that falls with the impact speed: plastic yield of the contact."""
+"""Restitution that falls with the impact speed as a power law: plastic yield of the contact.
+
+Formula: e = e_1 (v / 1 m/s)^(-n)
+
+e_1 is the restitution at 1 m/s.
+
+Parameters:
+- `exponent` [dimensionless], -0.02 to 0.5, typically 0.1: n; 1/4 far above yield
+
+Source: Johnson 1985, section 11.5; Thornton 1997
+"""
 
 from typing import Any
 

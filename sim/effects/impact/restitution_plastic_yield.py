@@ -1,4 +1,14 @@
-"""Restitution that falls above a yield speed: elastic below it, plastic above."""
+"""Restitution that falls above a yield speed: elastic impact below it, plastic above.
+
+Formula: e = e_0 (v / v_y)^(-1/4) for v > v_y, e_0 below
+
+e_0 is the restitution below the yield speed.
+
+Parameters:
+- `slowness` [s/m], 0 to 100, typically 1: 1/v_y, yield speed v_y
+
+Source: Johnson 1985, section 11.5: above the yield speed e goes as v^(-1/4)
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""Restitution that falls with the impact speed: viscoelastic loss."""
+"""Restitution that falls with the impact speed: viscoelastic loss.
+
+Formula: 1 - e = (1 - e_1) ((1 - f) + f (v / 1 m/s)^(1/5))
+
+e_1 is the restitution at 1 m/s, f is `share`.
+
+Parameters:
+- `share` [dimensionless], -0.2 to 1.6, typically 0.5: share of the loss that scales as v^(1/5)
+
+Source: Kuwabara & Kono 1987; Ramirez et al. 1999
+"""
 
 from typing import Any
 

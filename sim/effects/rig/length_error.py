@@ -1,4 +1,14 @@
-"""Pivot to bob is not as long as noted."""
+"""Length error: the distance from pivot to bob differs from the stated one.
+
+Formula: L = L_stated + dL
+
+dL is `offset`.
+
+Parameters:
+- `offset` [m], -0.05 to 0.05, typically 0.002: true minus stated length
+
+Source: geometry
+"""
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 

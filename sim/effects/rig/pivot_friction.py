@@ -1,4 +1,14 @@
-"""Dry friction in the pivot: a constant torque against the motion."""
+"""Dry (Coulomb) friction in the pivot: a constant torque against the motion.
+
+Formula: M = -M_c sign(omega)
+
+omega is the angular velocity, M_c is `moment`.
+
+Parameters:
+- `moment` [N m], 0 to 0.001, typically 1e-06: friction torque
+
+Source: Coulomb 1785
+"""
 
 from typing import Any
 

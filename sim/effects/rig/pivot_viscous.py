@@ -1,4 +1,14 @@
-"""Viscous friction in the pivot: a torque that grows with the rate."""
+"""Viscous friction in the pivot: a torque proportional to the angular velocity.
+
+Formula: M = -c omega
+
+omega is the angular velocity, c is `damping`.
+
+Parameters:
+- `damping` [N m s], 0 to 0.01, typically 1e-06: torque per rate
+
+Source: viscous damping; Nelson & Olsson 1986
+"""
 
 from typing import Any
 

@@ -1,4 +1,14 @@
-"""The plate is not level: the bead wanders to the lower side, further with each bounce."""
+"""Non-level plate: the bead drifts to the lower side, further with each bounce.
+
+Formula: rebound mirrored at the tilted normal: v_x = -(1 + e) v sin(beta) cos(beta)
+
+beta is `angle`, v the impact speed, e the restitution.
+
+Parameters:
+- `angle` [rad], -0.3 to 0.3, typically 0.01: right side up where positive
+
+Source: geometry
+"""
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 

@@ -1,4 +1,14 @@
-"""The holder pushes or drags the bead as it lets go."""
+"""Release speed: the holder pushes or drags the bead as it lets go.
+
+Formula: v_y(0) = v_rel
+
+v_rel is `speed`.
+
+Parameters:
+- `speed` [m/s], -0.5 to 0.5, typically 0.05: upwards
+
+Source: release mechanics of the holder
+"""
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 

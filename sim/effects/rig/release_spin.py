@@ -1,4 +1,14 @@
-"""The bead leaves the holder spinning: a sideways kick at the first bounce."""
+"""Release spin: the bead leaves the holder spinning and is deflected sideways at the first bounce.
+
+Formula: kick (2/7) R omega at the first bounce, at most mu (1 + e) v
+
+omega is `spin`, R the radius, mu the friction coefficient, e the restitution, v the impact speed.
+
+Parameters:
+- `spin` [rad/s], -400 to 400, typically 20: about the line of sight
+
+Source: Walton 1993; Cross 2002
+"""
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 

@@ -1,4 +1,14 @@
-"""The rod or thread has mass: it swings faster than a point on a weightless thread."""
+"""Mass of the rod or thread: the pendulum swings faster than a point mass on a massless thread.
+
+Formula: omega^2 = (g/L) (m + M/2)/(m + M/3)
+
+M is the mass of the rod or thread, m that of the bob, L the length.
+
+Parameters:
+- `mass_per_length` [kg/m], 0 to 0.05, typically 1e-05: of the rod or thread
+
+Source: compound pendulum; Landau & Lifshitz 1976
+"""
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 

@@ -1,17 +1,18 @@
-"""Fields and kernels of the bulk engine: many spheres, half Verlet list, no atomics in the force sum.
+"""Taichi fields and kernels of the bulk engine: many spheres, half Verlet list, no atomics in the force sum.
 
-(`a[i] = a[i] + x` stands where `a[i] += x` would: Taichi makes the latter atomic.)
+(`a[i] = a[i] + x` is used instead of `a[i] += x`, which Taichi makes atomic.)
 
-A step works out the pairs (see `pairs.py`), then each bead adds its walls, and moves.  Both go hand in hand through
-the list: a bead whose pairs are all done is not needed any more and moves while it is still in the cache.  Threads
-share the list as told in `team.py`.  A bead that is part of a rigid body leaves its sum to its body, which moves last
-(see `bodies.py`); an arena without bodies is compiled without all that.  No two threads ever write the same number and
-all sums have one order, so the bits do not depend on how many there are.
+A step computes the forces of the pairs (see `pair_forces.py`); then each bead adds the forces of its walls and moves.
+Both proceed together through the list: a bead whose pairs are all done moves while it is still in the cache.  Threads
+share the list as described in `thread_team.py`.  A bead of a rigid body leaves its force sum to its body, which moves
+last (see `rigid_bodies.py`); an arena without bodies is compiled without this code.  No two threads write the same
+number, and every sum has a fixed order, so the results do not depend on the number of threads, to the bit.
 
-Between launches the state is: position at t, velocity and spin at t - step/2 (velocity Verlet in its leapfrog form),
-and the last accelerations, which tell the velocity at t.
+State between launches: position at t; velocity and spin at t - step/2 (leapfrog form of velocity Verlet); and the last
+accelerations, from which the velocity at t follows.
 
-Materials, walls, gravity and step are data, sizes come in a few classes: a new run does not recompile.
+Materials, walls, gravity and time step are data, and sizes come in a few classes, so that a new run needs no
+recompilation.
 """
 
 from functools import cache
@@ -63,7 +64,7 @@ from rigtwin.sim.engine.effect_terms import Terms, upwards
 from rigtwin.sim.engine.walls.wall_contacts import THREADS, WallContacts
 from rigtwin.sim.engine.walls.wall_table import KINDS, ROOM
 
-FLAGS = 17  # steps of one multi-threaded burst, and one
+FLAGS = 17  # steps of one multi-threaded burst, plus one
 BURST = FLAGS - 1
 
 
@@ -77,7 +78,7 @@ def arena(
     rigid: bool = False,
     rolling: Rolling = "type C",
 ) -> "Arena":
-    """The arena of this size; fields are made once per process (Taichi dies after some 500 fields)."""
+    """Arena of this size; its fields are allocated once per process, as Taichi fails after about 500 fields."""
     return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid, rolling)
 
 
@@ -85,7 +86,7 @@ def arena(
 class Arena(Neighbours, Team):
     """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads.
 
-    `rigid`: some beads are parts of bodies.  `rolling`: how rolling is resisted.
+    `rigid`: whether beads may be parts of rigid bodies.  `rolling`: rolling resistance model.
     """
 
     def __init__(
@@ -105,7 +106,7 @@ class Arena(Neighbours, Team):
         mechanics = Mechanics(rolling=rolling)
         self.constant_torque, self.holds = mechanics.constant_torque, mechanics.holds
         self.walls = WallContacts(capacity, near_capacity, room, terms)
-        self.owner: object = None  # the simulation whose state this is
+        self.owner: object = None  # the simulation that uses this arena
         self.place = ti.Vector.field(4, ti.f64, capacity)  # position, radius
         self.motion = ti.Vector.field(4, ti.f64, capacity)  # velocity half a step back, mass
         self.spin = ti.Vector.field(4, ti.f64, capacity)  # spin half a step back, inertia
@@ -115,8 +116,8 @@ class Arena(Neighbours, Team):
         self.tag = ti.Vector.field(2, ti.i32, capacity)  # ident, kind
         self.worst = ti.field(ti.f64, capacity)  # largest overlap/radius seen by this slot's pairs and walls
         if terms.acts_in_flight:
-            self.flight: Any = ti.field(ti.f64, capacity)  # [J], given to the beads of this slot by forces in flight
-            self.flight_before: Any = ti.field(ti.f64, ())  # [J], until the list was made
+            self.flight: Any = ti.field(ti.f64, capacity)  # [J], work of forces in flight on the beads of this slot
+            self.flight_before: Any = ti.field(ti.f64, ())  # [J], work before the last list build
         if rigid:
             RigidBodies.__init__(self, capacity, self.constant_torque)
         Pairs.__init__(self, capacity, pair_capacity, THREADS, terms)
@@ -141,7 +142,7 @@ class Arena(Neighbours, Team):
         sizes: ti.types.ndarray(),
         linear: ti.template(),
     ):
-        """Empty the arena and set everything that a run does not change.
+        """Empty the arena and set everything that is constant in a run.
 
         `sizes` are those of the first kind of spheres (columns as in SIZES_OF_KIND).
         """
@@ -151,7 +152,7 @@ class Arena(Neighbours, Team):
                 self.numbers[c] = numbers[c]
             for c in range(COUNTS):
                 self.counts[c] = counts[c]
-            for a in range(pair_law.shape[0]):  # of no fixed length, else the compiler unrolls it all
+            for a in range(pair_law.shape[0]):  # run-time length, or the compiler would unroll the loop
                 for c in ti.static(range(LAW_SIZE)):
                     for b in range(pair_law.shape[1]):
                         self.pair_law[a, b][c] = pair_law[a, b, c]
@@ -169,7 +170,7 @@ class Arena(Neighbours, Team):
 
     @ti.kernel
     def set_count(self, column: ti.i32, value: ti.i32):
-        """Change one of `counts`; the list is needed anew."""
+        """Change one of `counts`; the list is rebuilt before the next step."""
         self.counts[column] = value
         self.stale[0] = 1
 
@@ -210,7 +211,7 @@ class Arena(Neighbours, Team):
 
     @ti.kernel
     def get_pairs(self, first: ti.types.ndarray(), pairs: ti.types.ndarray(), beads: ti.i32):
-        """Read the list in force: first pair of each bead; per pair partner, touching, slip 3, roll 3, impact."""
+        """Read the current list: first pair of each bead; per pair partner, touching, slip 3, roll 3, impact."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             live = self.counts[LIVE_LIST]
@@ -246,11 +247,10 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def move(self, thread, i, own, last, alike: ti.template(), mechanics: ti.template()):
-        """Sum of all forces on bead `i`, its walls included, and its way to the next step; 1 when it left its skin.
+        """Sum the forces on bead `i`, including walls, and move it; 1 if it left its skin.
 
-        Below `own` forces of pairs that others own with it lie where they left them.
-
-        A bead of a body leaves the sums in `push`, `twist` and `brake`; its body moves it.
+        For beads below `own`, the forces of pairs that other beads own are collected from where those left them.  A
+        bead of a body stores the sums in `push`, `twist` and `brake`; its body moves it.
         """
         step = self.numbers[STEP]
         given, taken = self.given[i], self.taken[i]
@@ -276,7 +276,7 @@ class Arena(Neighbours, Team):
         )  # fmt: skip
         force += drag
         torque += hold
-        brake = 0.0  # the torque that rolling resistance of type A has at most
+        brake = 0.0  # torque limit of rolling resistance of type A
         if ti.static(self.constant_torque):
             brake = (taken[6] + given[6] + grip) * radius
         if deepest > self.worst[i] * radius:
@@ -297,9 +297,9 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def go(self, i, force, torque, brake, last, alike: ti.template()):
-        """Move bead `i` by a step under its force, its torque and what brakes its spin; 1 when it left its skin.
+        """Move bead `i` by a step under its force, torque and rolling resistance; 1 if it left its skin.
 
-        Its accelerations are kept only in the `last` step of a launch: nobody asks for them in between.
+        Accelerations are stored only in the `last` step of a launch; they are not read in between.
         """
         step = self.numbers[STEP]
         place, motion, spin = self.place[i], self.motion[i], self.spin[i]
@@ -313,7 +313,7 @@ class Arena(Neighbours, Team):
             lightness, nimbleness = 1.0 / mass, 1.0 / inertia
         push = force * lightness + gravity
         if ti.static(self.terms.acts_in_flight):
-            # the velocity is that of half a step ago
+            # the stored velocity is that of half a step ago
             now = velocity + 0.5 * step * push
             gap = self.walls.gap(self.counts[LIVE_LIST], i, place[3])
             blown = self.terms.in_flight(now, gap, place[3], mass, upwards(gravity))
@@ -353,13 +353,13 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def pose_walls(self, thread, time):
-        """Put the walls where they are at `time`, for one thread; 1 when one has come too far for the list."""
+        """Set the walls to their positions at `time`, for one thread; 1 if one has moved too far for the list."""
         step, leeway = self.numbers[STEP], 0.5 * self.numbers[SKIN]
         return self.walls.pose(thread, self.counts[WALL_COUNT], time, step, leeway)
 
     @ti.func
     def move_body(self, b):
-        """Body `b` to the next step; 1 when one of its beads left its skin."""
+        """Move body `b` by a step; 1 if one of its beads left its skin."""
         gravity = ti.Vector([self.numbers[GRAVITY], self.numbers[GRAVITY + 1], self.numbers[GRAVITY + 2]])
         reach2, fastest2 = 0.25 * self.numbers[SKIN] ** 2, self.numbers[MOST_SPEED] ** 2
         answer = self.carry(b, self.numbers[STEP], gravity, reach2, fastest2)
@@ -371,10 +371,10 @@ class Arena(Neighbours, Team):
 
     @ti.kernel
     def run_team(self, team: ti.i32, steps: ti.i32, before: ti.f64, alike: ti.template(), mechanics: ti.template()):
-        """Up to `steps` steps on a team of threads, which may be of one, after the `before` steps made so far.
+        """Make up to `steps` steps on a team of one or more threads, after the `before` steps made so far.
 
-        Stops early when the list is needed anew, STATUS is no longer OK or a thread was kept waiting (LATE).  `alike`:
-        all are single spheres of one size and kind.
+        Stops early if the list must be rebuilt, STATUS is not OK or a thread waited too long (LATE).  `alike`: all
+        beads are single spheres of one size and kind.
         """
         for turn in range(team * GRAIN):
             if turn % GRAIN == 0:
@@ -389,7 +389,7 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def run_stretch(self, w, team, steps, before, alike: ti.template(), mechanics: ti.template()):
-        """What thread `w` does of up to `steps` steps."""
+        """Part of thread `w` in up to `steps` steps."""
         live = self.counts[LIVE_LIST]
         start, stop = self.stretch_start(live, w, team), self.stretch_start(live, w + 1, team)
         own = start
@@ -420,9 +420,9 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def make_step(self, w, team, done, stretch, last, alike: ti.template(), mechanics: ti.template()):
-        """What thread `w` does of step `done`, the `last` one of a launch or not, all but the last meeting.
+        """Part of thread `w` in step number `done`, except for the last synchronisation; `last`: last step of a launch.
 
-        Returns 1 when a bead left its skin, and how often the thread looked for others in vain.
+        Returns 1 if a bead left its skin, and the number of polls without success while waiting for other threads.
         """
         live = self.counts[LIVE_LIST]
         start, own, stop = ti.static(stretch)
@@ -439,7 +439,7 @@ class Arena(Neighbours, Team):
                     end_bead = self.owner_of[to_pair]
                 moved = ti.max(moved, end_bead)
             else:
-                # those that earlier stretches touch
+                # beads that have pairs owned by earlier stretches
                 first_bead, end_bead = start, own
                 self.tell(w)
                 looks = self.wait(0, w, self.parts * done + 1)
@@ -455,7 +455,7 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def stretch_start(self, live, w, team):
-        """First bead of a stretch; all have about as many pairs and beads."""
+        """First bead of stretch `w`; stretches are weighted by their number of pairs and beads."""
         beads, pairs = self.counts[BEADS], self.counts[PAIRS]
         low, high = 0, beads
         share = float(pairs + beads) * self.shares[w]
@@ -471,10 +471,10 @@ class Arena(Neighbours, Team):
 
     @ti.kernel
     def build_list(self, before: ti.f64, parts: ti.i32, whole: ti.template()):
-        """The list, where it is needed anew, made in parts by several threads, or `whole` by one.
+        """Rebuild the list if needed, in parts by several threads, or as a `whole` by one.
 
-        Inlined in the step's kernel it would double what a first start takes; so would what joins the parts, here.
-        Where a part has no room the list stays out of date.
+        Inlined in the kernel of the step this code would double the time of the first start (compilation), and so would
+        the code that joins the parts here.  If a part has no room the list stays outdated.
         """
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -501,7 +501,7 @@ class Arena(Neighbours, Team):
 
     @ti.kernel
     def begin_burst(self, length: ti.i32, chunks: ti.i32, before: ti.f64):
-        """Say what the following calls of `run_step`, `length` of them, are to do."""
+        """Set up the following `length` calls of `run_step`."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.counts[BURST_LENGTH] = length
@@ -511,9 +511,9 @@ class Arena(Neighbours, Team):
 
     @ti.kernel
     def run_step(self, alike: ti.template(), mechanics: ti.template()):
-        """The next step of a burst on all threads; once the list is needed anew the rest of the burst does nothing.
+        """Make the next step of a burst on all threads; once the list must be rebuilt the remaining calls do nothing.
 
-        It takes no numbers, so that nothing need be handed over at each of its many calls.
+        It takes no numbers as arguments, which would have to be transferred at each of its many calls.
         """
         beads, bodies, rounds = self.counts[BEADS], self.counts[BODIES], self.counts[CHUNKS] * GRAIN
         ti.loop_config(serialize=True)
@@ -543,10 +543,10 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def meet_chunk(self, chunk, chunks, alike: ti.template(), mechanics: ti.template()):
-        """The pairs of the beads of one part of the list."""
+        """Forces of the pairs of one part of the list."""
         live = self.counts[LIVE_LIST]
         pairs = self.counts[PAIRS]
-        # equal numbers of pairs, moved on to where the next bead's begin
+        # equal numbers of pairs, rounded up to the first pair of the next bead
         begin = self.start_of_bead(live, int(float(pairs) * chunk / chunks))
         end = self.start_of_bead(live, int(float(pairs) * (chunk + 1) / chunks))
         while begin < end:
@@ -555,7 +555,7 @@ class Arena(Neighbours, Team):
 
     @ti.func
     def start_of_bead(self, live, p):
-        """The first pair, from `p` on, that is the first of its owner."""
+        """First pair, at or after `p`, that is the first of its owner."""
         start = self.counts[PAIRS]
         if p == 0:
             start = 0
@@ -565,7 +565,7 @@ class Arena(Neighbours, Team):
 
     @ti.kernel
     def end_burst(self, length: ti.i32):
-        """Steps really made into DONE; the list's need into the first flag."""
+        """Store the number of steps made in DONE, and whether the list must be rebuilt in the first flag."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             done = 0

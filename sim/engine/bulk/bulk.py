@@ -1,4 +1,4 @@
-"""The bulk engine: thousands of spheres, single or in rigid clumps, walls, gravity.
+"""The class `Bulk`: simulation of thousands of spheres, single or in rigid clumps, with walls and gravity.
 
 ::
 
@@ -38,22 +38,68 @@ from rigtwin.sim.engine.walls.shapes import Motion, Shape, Wall, gaps
 from rigtwin.sim.engine.walls.wall_contacts import THREADS
 from rigtwin.sim.engine.walls.wall_table import KINDS, UNTIL, WANDERS, WallTable, motion_of, motion_row, wall_table
 
-SMALLEST_ARENA = 1024  # beads; arenas come in steps of four, so that few kernels are ever compiled
-PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # half the neighbours of a bead, and of one in a clump, with room
-PAIRS_IN_LARGE = 4  # among very many single beads: a settled bed has 3.3 at the usual skin
-NEAR_PER_BEAD = 2  # walls, or parts of them, near a bead on average, with room
-NEAR_IN_LARGE = 1 / 8  # the same among very many beads, few of which are at a wall
-SKIN = 0.1  # of a particle's diameter
-BEADS_PER_THREAD = 500  # fewer gain nothing from another thread
-BEADS_IN_PARTS = 4000  # fewer are listed before the code that joins parts would be compiled
-LAUNCH_SECONDS = 0.25  # kernels come back at least twice a second, so that progress and Ctrl-C work
-OVERLAP_AT_START = 1e-3  # of a radius; more is a blunder
-STEP_IN_RADII = 0.2  # how far a bead or a wall may go in a step
-FEW = 300  # spheres, among which all pairs are looked at sooner than SciPy is imported
+SMALLEST_ARENA = 1024  # beads; sizes of arenas are powers of four times this, so that few kernels are compiled
+PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # reserved pairs (half the neighbours) of a single bead, and of a clump's bead
+PAIRS_IN_LARGE = 4  # the same for very many single beads; a settled bed has 3.3 at the default skin
+NEAR_PER_BEAD = 2  # reserved entries for walls, or parts of walls, near a bead
+NEAR_IN_LARGE = 1 / 8  # the same for very many beads, few of which are near a wall
+SKIN = 0.1  # [diameters of the largest particle], default Verlet skin
+BEADS_PER_THREAD = 500  # with fewer an additional thread gains no speed
+BEADS_IN_PARTS = 4000  # with fewer, listing takes less time than compiling the code that joins parts
+LAUNCH_SECONDS = 0.25  # [s] per launch, so that progress and Ctrl-C are handled at least twice a second
+OVERLAP_AT_START = 1e-3  # [radii], largest overlap of new particles; more is taken for an input error
+STEP_IN_RADII = 0.2  # [radii], largest displacement of a bead or a wall in a step
+FEW = 300  # spheres up to which testing all pairs is faster than importing SciPy
 
 
 class Bulk:
-    """Particles of some kinds among walls, in a box that none may leave."""
+    """Simulation of particles of one or more kinds among walls, in a rectangular domain.
+
+    Parameters
+    ----------
+    particles : sequence of Particle
+        The kinds of particles.
+    contacts : Contact or mapping
+        One contact for all pairs, or one per pair of kinds (a, b), a <= b.
+    walls : sequence
+        A `Wall` each, or a sequence of one `Wall` per kind with the same shape and motion.
+    low, high : Vector
+        Corners of the domain [m].
+    time_step : float
+        Time step [s].
+    gravity : Vector
+        Acceleration of gravity [m/s^2].
+    rolling : {"type A", "type A explicit", "type C"}
+        Rolling resistance model.
+    contact_law : {"Hertz-Mindlin", "linear"}
+        Contact law.
+    impact_speed : float
+        Impact speed [m/s] at which the springs of the "linear" law are as stiff as Hertz's contacts.
+    effects : sequence of Active
+        Effects that act on all single beads and contacts.
+    skin : float
+        Verlet skin, in diameters of the largest particle (for a clump: of the sphere of equal volume).
+    open_domain : bool
+        Whether beads that leave the domain are removed and counted; a clump leaves as a whole.  If False, they stop
+        the run with an error.
+    threads : int, optional
+        Number of threads.  Default: all that the backend has.
+    device : {"cpu", "cuda", "auto"}
+        Device of the engine.
+    capacity, pair_capacity, near_capacity : int, optional
+        Initial sizes of the tables of beads, pairs and near walls; they grow as needed.
+
+    Raises
+    ------
+    BadInput
+        If an argument is out of its range; the message names it.
+
+    Notes
+    -----
+    Velocity Verlet integration; contact forces as in `rigtwin.sim.engine.contact.contact_forces`.  Simulations of the
+    same size share the memory of the engine: a later one takes it, and the earlier one then raises `RigtwinError`.
+    The result does not depend on the number of threads, to the bit.
+    """
 
     def __init__(
         self,
@@ -77,14 +123,6 @@ class Bulk:
         pair_capacity: int | None = None,
         near_capacity: int | None = None,
     ) -> None:
-        """`particles` are the kinds; `contacts` one for all, or one per pair of kinds (a, b), a <= b.
-
-        A wall may be a sequence with one `Wall` per kind, alike but for material and contact.  `low` and `high` [m]
-        bound the domain; in an open one beads that leave are taken out and counted, else they stop the run; a clump
-        leaves as a whole.  `skin` is in units of the largest particle's diameter, of a clump that of the sphere of
-        its volume.  `effects` act on all single beads and contacts.  The springs of the "linear" law are as stiff as
-        Hertz's contacts at `impact_speed` [m/s].
-        """
         positive(time_step=time_step, skin=skin)
         self._particles = tuple(particles)
         self._walls = [tuple(wall) if isinstance(wall, Sequence) else (wall,) * len(particles) for wall in walls]
@@ -94,15 +132,15 @@ class Bulk:
         self.time_step = time_step
         self.steps = 0
         self._added = self._spheres = 0
-        self._owners = np.zeros(0, dtype=np.int64)  # of every sphere ever added the particle that it is part of
+        self._owners = np.zeros(0, dtype=np.int64)  # particle of every sphere ever added
         self._rigid = any(particle.shape is not None for particle in self._particles)
         self._open = open_domain
         running = backend.start(device=device)
         self.threads = running.threads if threads is None else threads
         self._crew = Crew(running.threads)
         self.device = running.device
-        self.note = running.note if device == "cuda" else ""  # why it does not run where it was asked to
-        # a clump of many small spheres goes as far in a step as one large sphere: its lists are to live as long
+        self.note = running.note if device == "cuda" else ""  # reason if it does not run on the requested device
+        # a clump of small spheres moves as fast as one large sphere; its neighbour list should last as long
         self._skin = skin * max(particle.equivalent_diameter for particle in self._particles)
         self._low, self._high = np.array(low, dtype=float), np.array(high, dtype=float)
         self._gravity = gravity
@@ -112,11 +150,11 @@ class Bulk:
         self._table = self._wall_table()
         self._check_walls_step(self._table.motion)
         size = _arena_size(capacity)
-        self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, learnt from the launches
+        self._rate = 200.0 / LAUNCH_SECONDS  # steps per second, updated after each launch
         near = near_capacity or _near_size(size)
         self._enter(self._room_for(size, pair_capacity or self._pair_size(size), near))
 
-    # ------------------------------------------------------------------ what a user does
+    # ------------------------------------------------------------------ public interface
 
     def add(
         self,
@@ -129,11 +167,30 @@ class Bulk:
         scale: Array | None = None,
         overlap: float = OVERLAP_AT_START,
     ) -> None:
-        """Add particles of one kind at `position` [m], shape (k, 3).
+        """Add particles of one kind.
 
-        `turn` are quaternions (real part first), shape (k, 4), from a clump's own axes to space; without it the axes
-        are those of space.  `scale`, shape (k,), shrinks each particle to a part of its kind's size (sizes drawn from a
-        distribution, over its largest).  Overlaps above `overlap` sphere radii are refused.
+        Parameters
+        ----------
+        position : array
+            Centres of mass [m], shape (k, 3).
+        velocity : array, optional
+            Velocities [m/s], shape (k, 3) or (3,).  Default: at rest.
+        spin : array, optional
+            Angular velocities [rad/s], shape (k, 3) or (3,).  Default: none.
+        kind : int
+            Index of the kind.
+        turn : array, optional
+            Orientations of clumps, shape (k, 4): quaternions (real part first) from their own axes to space.  Default:
+            aligned with the axes of space.
+        scale : array, optional
+            Sizes of the particles over the size of the kind, shape (k,), above 0 and at most 1 [1].
+        overlap : float
+            Largest overlap with other particles and walls, in sphere radii [1].
+
+        Raises
+        ------
+        BadInput
+            If a value is not finite, a particle is outside the domain or overlaps too much, or a scale is refused.
         """
         position = np.ascontiguousarray(position, dtype=np.float64).reshape(-1, 3)
         count = len(position)
@@ -178,9 +235,24 @@ class Bulk:
         )
 
     def run(self, steps: int, progress: Progress = silent) -> None:
-        """Make `steps` steps.  Raises `SimulationFailed` when a bead leaves the domain or the energy explodes."""
+        """Make time steps.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps.
+        progress : Progress
+            Callback for the progress display.
+
+        Raises
+        ------
+        SimulationFailed
+            If a bead leaves a closed domain, or moves too fast for the time step.
+        RigtwinError
+            If a later simulation has taken the memory of this one.
+        """
         self._mine()
-        # a later simulation, in another arena, may have set the same effects to its own strength
+        # a later simulation in another arena may have changed the parameters of the same effects
         self._arena.terms.load([self._effects])
         left = steps
         while left > 0:
@@ -194,7 +266,7 @@ class Bulk:
             progress("simulating", float(steps - left), float(steps))
 
     def beads(self) -> Beads:
-        """State of all spheres now."""
+        """State of all spheres at the current time, ordered by their numbers."""
         rows = self._rows()
         rows = rows[np.argsort(rows[:, 18], kind="stable")]
         half = 0.5 * self.time_step
@@ -220,7 +292,7 @@ class Bulk:
         )
 
     def grains(self) -> Grains:
-        """State of all particles now."""
+        """State of all particles (spheres or clumps) at the current time, ordered by their numbers."""
         half = 0.5 * self.time_step
         rows = self._rows()
         rows = rows[self._members(len(rows))[:, 3] < 0] if self._rigid else rows
@@ -243,10 +315,10 @@ class Bulk:
         )
 
     def budget(self) -> budget.Budget:
-        """Energies and overlaps now."""
+        """Energies and overlaps at the current time."""
         beads = self._count(at.LISTED)
         rows, near, at_walls = self._rows(), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
-        if beads:  # before the first step there is no list, and the kernels that read it need not be compiled yet
+        if beads:  # before the first step there is no list; the kernels that read it are not compiled then
             first, pairs = self._pairs(beads)
             owner = np.repeat(np.arange(beads), np.diff(first))
             near = np.column_stack([owner, pairs[: len(owner), :2].astype(np.int64)])
@@ -265,7 +337,7 @@ class Bulk:
         )
 
     def state(self) -> checkpoint.State:
-        """All that the next step depends on."""
+        """Full state of the simulation, from which it can be resumed with identical bits."""
         self._mine()
         sizes = (self._arena.capacity, self._arena.pair_capacity, self._arena.walls.near_capacity)
         own = {"sizes": np.array(sizes), "steps": np.array(self.steps), "added": np.array(self._added)}
@@ -273,7 +345,7 @@ class Bulk:
         return own | checkpoint.read_arena(self._arena)
 
     def restore(self, state: checkpoint.State) -> None:
-        """Go on from a `state` of a simulation that was made in the same way."""
+        """Restore a `state` of a simulation that was constructed with the same arguments."""
         self._enter(self._room_for(*map(int, state["sizes"])))
         checkpoint.write_arena(self._arena, state)
         self._table.motion[:] = self._arena.walls.motion.to_numpy()
@@ -282,11 +354,11 @@ class Bulk:
         self._spheres = len(self._owners)
 
     def remove_wall(self, wall: int) -> None:
-        """From now on this wall (its number in the order given) is gone."""
+        """Remove a wall, by its index in the order given, from the current time on."""
         self._set_motion(wall, (*self._table.motion[wall, :UNTIL], self.time, *self._table.motion[wall, UNTIL + 1 :]))
 
     def move_wall(self, wall: int, motion: Motion) -> None:
-        """Give a wall that has not moved yet a motion, which starts now or later."""
+        """Set the motion of a wall that has not moved yet; it starts now or later, else `BadInput` is raised."""
         row = self._table.motion[wall]
         if motion.start < self.time or motion_of(row).moved_by(self.time):
             raise BadInput(f"wall {wall} has moved already, or the motion starts before {self.time:g} s; it must not.")
@@ -297,17 +369,17 @@ class Bulk:
 
     @property
     def time(self) -> float:
-        """[s]"""
+        """Simulated time [s]."""
         return self.steps * self.time_step
 
     @property
     def top(self) -> float:
-        """Upper end of the domain [m]."""
+        """z of the upper end of the domain [m]."""
         return float(self._high[2])
 
     @property
     def domain(self) -> tuple[Array, Array]:
-        """Lower and upper corner [m]."""
+        """Lower and upper corner of the domain [m]."""
         return self._low, self._high
 
     @property
@@ -317,22 +389,22 @@ class Bulk:
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """The walls."""
+        """Shapes of the walls."""
         return tuple(wall[0].shape for wall in self._walls)
 
     @property
     def added(self) -> int:
-        """Particles that were ever added."""
+        """Number of particles ever added."""
         return self._added
 
     @property
     def gone(self) -> int:
-        """Particles that left an open domain and were taken out."""
+        """Number of particles that left an open domain and were removed."""
         return self._count(at.GONE)
 
     @property
     def work(self) -> float:
-        """Energy [J] that moving walls have given to the beads."""
+        """Work [J] of moving walls on the beads."""
         self._mine()
         if not self.steps:
             return 0.0
@@ -341,7 +413,7 @@ class Bulk:
 
     @property
     def work_in_flight(self) -> float:
-        """Energy [J] that effects' forces in flight have given to the beads; drag takes it."""
+        """Work [J] of the effects' forces in flight on the beads; negative for drag."""
         self._mine()
         arena = self._arena
         if not (self.steps and arena.terms.acts_in_flight):
@@ -350,17 +422,17 @@ class Bulk:
 
     @property
     def lists_built(self) -> int:
-        """How often the neighbour list was built."""
+        """Number of times that the neighbour list was built."""
         return self._count(at.BUILDS)
 
     @property
     def largest_overlap(self) -> float:
-        """Largest overlap so far, in radii (twice the effective radius between beads), also of beads that have left."""
+        """Largest overlap so far, also of beads that have left, in radii (twice the effective radius between beads)."""
         return float(self._rows()[:, 20].max(initial=self._arena.numbers[at.WORST]))
 
     @property
     def contacts(self) -> int:
-        """Pairs of beads that touch now."""
+        """Number of pairs of beads in contact."""
         beads = self._count(at.LISTED)
         _first, pairs = self._pairs(beads)
         return int(pairs[:, 1].sum())
@@ -377,7 +449,7 @@ class Bulk:
 
     @property
     def _longest_step(self) -> float:
-        """[m]; in a step nothing may go further, else contacts would be missed and the energy would explode."""
+        """Largest displacement in a step [m]; with larger ones contacts would be missed and the energy diverge."""
         return STEP_IN_RADII * min(min(particle.radii) for particle in self._particles)
 
     def _check_walls_step(self, motion: Array) -> None:
@@ -386,8 +458,8 @@ class Bulk:
         if way[wall] > self._longest_step:
             raise BadInput(
                 f"wall {wall} moves by up to {way[wall] * 1e3:.3g} mm in a step of {self.time_step:.3g} s, more "
-                f"than {STEP_IN_RADII:g} radii of the smallest sphere: spheres would end up behind it; "
-                "let it move more slowly or make the step smaller."
+                f"than {STEP_IN_RADII:g} radii of the smallest sphere: spheres could pass through it; "
+                "let it move more slowly or give a smaller time step."
             )
 
     def _pair_table(self, contacts: Contact | Mapping[tuple[int, int], Contact]) -> Array:
@@ -410,7 +482,7 @@ class Bulk:
         if terms.acts_in_flight and self._rigid:
             names = ", ".join(one.effect.name for one in self._effects)
             raise BadInput(
-                f"effects: {names}: forces in flight are those of single spheres; leave them out for clumps."
+                f"effects: {names}: forces in flight are simulated for single spheres only; leave them out for clumps."
             )
         return terms
 
@@ -418,7 +490,9 @@ class Bulk:
         self._mine()
         self._table.motion[wall] = row
         self._arena.walls.motion.from_numpy(self._table.motion)
-        self._arena.set_count(at.WALL_COUNT, len(self._walls))  # lists anew: walls that move count from farther off
+        self._arena.set_count(
+            at.WALL_COUNT, len(self._walls)
+        )  # rebuilds the list, in which moving walls have a larger range
 
     def _room_for(self, capacity: int, pair_capacity: int, near_capacity: int) -> areas.Arena:
         return areas.arena(
@@ -432,7 +506,7 @@ class Bulk:
         )
 
     def _enter(self, arena: areas.Arena) -> None:
-        """Take an arena for this simulation; whoever had it before has lost it."""
+        """Take an arena for this simulation; its earlier owner can no longer use it."""
         extent = self._high - self._low
         cell = 2 * self._largest + self._skin
         cells = np.maximum(1, np.ceil(extent / cell))
@@ -477,7 +551,7 @@ class Bulk:
         rows[:, 0:3], rows[:, 3:6], rows[:, 6:9] = position, velocity, spin
         rows[:, 9], rows[:, 10] = particle.radius * sizes, particle.mass * sizes**3
         rows[:, 11] = particle.moments[0] * sizes**5
-        rows[:, 12:15] = self._gravity  # a bead that touches nothing falls
+        rows[:, 12:15] = self._gravity  # acceleration of a bead without contacts
         rows[:, 3:6] -= 0.5 * self.time_step * rows[:, 12:15]
         return rows
 
@@ -512,7 +586,7 @@ class Bulk:
     # ------------------------------------------------------------------ running
 
     def _launch(self, steps: int) -> int:
-        """Make up to `steps` steps and say how many were made."""
+        """Make up to `steps` steps and return how many were made."""
         arena = self._arena
         done = 0
         while done < steps:
@@ -532,7 +606,7 @@ class Bulk:
         return done
 
     def _run_team(self, team: int, steps: int, before: float) -> None:
-        """Up to `steps` steps on a team of threads."""
+        """Make up to `steps` steps on a team of threads."""
         began, used = time.perf_counter(), time.process_time()
         self._arena.run_team(team, steps, before, self._alike, self._mechanics)
         if team > 1:
@@ -540,7 +614,7 @@ class Bulk:
             self._crew.watch(self._arena, team, took, time.process_time() - used, late=self._count(at.LATE) == 1)
 
     def _burst(self, length: int, before: float) -> None:
-        """Some steps with a launch each, as a GPU needs it."""
+        """Make `length` steps with one launch each, as a GPU needs it."""
         self._arena.begin_burst(length, THREADS, before)
         make_step = backend.prepared(self._arena.run_step, self._alike, self._mechanics)
         for _ in range(length):
@@ -553,7 +627,7 @@ class Bulk:
 
     @property
     def _alike(self) -> bool:
-        """Whether all beads are single spheres of one kind and size, whose contacts go by one law."""
+        """Whether all beads are single spheres of one kind and size with one contact law."""
         return self._count(at.MIXED) == 0 and not self._arena.terms.changes_restitution
 
     def _answer_trouble(self) -> None:
@@ -572,14 +646,14 @@ class Bulk:
         raise SimulationFailed(
             {
                 at.LEFT_DOMAIN: f"A bead left the domain: {where}; make the domain larger or close the walls.",
-                at.EXPLODED: f"The energy exploded: {where}, speed {np.linalg.norm(row[3:6]):.3g} m/s, where a step "
-                f"of {self.time_step:.3g} s bears {self._longest_step / self.time_step:.3g} m/s; use a smaller time "
-                "step, or look whether sizes, speeds and stiffness are as they are meant to be.",
+                at.EXPLODED: f"The energy exploded: {where}, speed {np.linalg.norm(row[3:6]):.3g} m/s; a step of "
+                f"{self.time_step:.3g} s allows at most {self._longest_step / self.time_step:.3g} m/s; use a smaller "
+                "time step, or check sizes, speeds and stiffness.",
             }[status]
         )
 
     def _grow(self, capacity: int, pair_capacity: int, near_capacity: int) -> None:
-        """Move to a larger arena, history and all."""
+        """Move to a larger arena, with the contact histories."""
         old, beads, listed = self._arena, self._count(at.BEADS), self._count(at.LISTED)
         rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
         in_flight, worst = self.work_in_flight, self._arena.numbers[at.WORST]
@@ -623,7 +697,7 @@ class Bulk:
         return first, near
 
     def _wall_overlaps(self, rows: Array, beads: int) -> Array:
-        """Contacts with walls that hold now: bead, wall, overlap [m], shape (n, 3)."""
+        """Present contacts with walls: bead, wall, overlap [m], shape (n, 3)."""
         first, near = self._near(beads)
         overlap = np.zeros(len(near))
         place = np.ascontiguousarray(rows[:, [0, 1, 2, 9]]) if len(rows) else np.zeros((1, 4))
@@ -653,7 +727,9 @@ class Bulk:
 
     def _mine(self) -> None:
         if self._arena.owner is not self:
-            raise RigtwinError("This simulation's arena was taken by a later one; run them one after the other.")
+            raise RigtwinError(
+                "The memory of this simulation was taken by a later one of the same size; run them one after the other."
+            )
 
 
 def _arena_size(beads: int) -> int:
@@ -668,7 +744,7 @@ def _near_size(capacity: int) -> int:
 
 
 def _pairs_within(centres: Array, distance: float) -> npt.NDArray[np.int64]:
-    """Numbers of all pairs that are no farther apart than `distance` [m], the lower first, shape (n, 2)."""
+    """Indices of all pairs within `distance` [m], the lower one first, shape (n, 2)."""
     if len(centres) <= FEW:
         pairs = np.stack(np.triu_indices(len(centres), 1), axis=1)
         return np.asarray(pairs[np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1) <= distance])

@@ -1,6 +1,6 @@
-"""Checkpoints: all that the next step depends on, kept in one file that is replaced whole or not at all.
+"""Checkpoints: the full state of a simulation in one file, which is replaced atomically.
 
-A run that goes on from its checkpoint makes the same bits as one that never stopped, on any number of threads.
+A run resumed from its checkpoint gives the same bits as an uninterrupted one, on any number of threads.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from rigtwin.sim.engine.bulk.arena import Arena
 State = dict[str, npt.NDArray[Any]]
 """Arrays by name."""
 
-# written anew before they are read, or set up with the run; everything else in an arena is kept, whatever is added to
-# it one day
+# fields that are written before they are read, or set up with the run; every other field of an arena is saved, so that
+# fields added later are saved by default
 SCRATCH = frozenset(
     {
         "cell_first",
@@ -51,7 +51,7 @@ SCRATCH = frozenset(
 
 
 def read_arena(arena: Arena) -> State:
-    """Every field of `arena` that a step reads, cut to the beads and pairs in use."""
+    """Every field of `arena` that a step reads, truncated to the beads and pairs in use."""
     counts = arena.counts.to_numpy()
     beads, listed = int(counts[at.BEADS]), int(counts[at.LISTED])
     pairs = int(arena.first[int(counts[at.LIVE_LIST]), listed])
@@ -60,7 +60,7 @@ def read_arena(arena: Arena) -> State:
         arena.capacity + 1: max(beads, listed) + 1,
         arena.pair_capacity: max(pairs, int(counts[at.PAIRS])),
     }
-    # lengths tell what a field counts; should two be the same, the larger part is kept
+    # a field's length identifies what it is indexed by; if two lengths are equal the larger part is saved
     near = arena.walls.near_capacity
     used[near] = max(used.get(near, 0), int(arena.walls.first[int(counts[at.LIVE_LIST]), listed]))
     state: State = {}
@@ -71,7 +71,7 @@ def read_arena(arena: Arena) -> State:
 
 
 def write_arena(arena: Arena, state: State) -> None:
-    """Fill `arena`, of the sizes that `state` was read from."""
+    """Fill `arena`, which must have the sizes of the one that `state` was read from."""
     cut = (arena.capacity, arena.capacity + 1, arena.pair_capacity, arena.walls.near_capacity)
     for name, field in _fields(arena):
         whole, part = np.zeros_like(field.to_numpy()), state.get(name)
@@ -99,7 +99,7 @@ class Checkpoint:
     """One run's checkpoint file."""
 
     def __init__(self, path: Path, settings: Mapping[str, Any], interval: float) -> None:
-        """`settings` are all that decide the run's outcome, in JSON's types; `interval` [s] is of computing."""
+        """`settings` hold all that decides the outcome of the run, as JSON data; `interval` is computing time [s]."""
         self.path = path
         self.kept_at: float | None = None  # [s], simulated, of the state in the file
         self._settings = json.loads(json.dumps({"rigtwin": __version__, **settings}))
@@ -113,13 +113,13 @@ class Checkpoint:
 
     @property
     def standing(self) -> str:
-        """What the file holds for a run that stops now, in words."""
+        """State of the file in words, for a run that is interrupted."""
         if self.kept_at is None:
             return f"nothing of this run was kept yet in {self.path}; the same command begins it anew."
-        return f"the run is kept up to t = {self.kept_at:.4g} s in {self.path}; the same command goes on from there."
+        return f"the run is kept up to t = {self.kept_at:.4g} s in {self.path}; the same command resumes it there."
 
     def write(self, course: Mapping[str, Any], state: State, now: float) -> None:
-        """Replace the file by this state, at `now` [s] simulated; `course` is what is not an array, in JSON's types."""
+        """Replace the file by this state at the simulated time `now` [s]; `course` is the rest, as JSON data."""
         words = json.dumps({"settings": self._settings, "course": course, "time_s": now})
         part = self.path.with_name(self.path.name + ".part")
         try:
@@ -138,9 +138,9 @@ class Checkpoint:
         self._written = time.monotonic()
 
     def read(self) -> tuple[dict[str, Any], State] | None:
-        """Course and state to go on from; None when there is no file yet.
+        """Read the course and the state; None if there is no file yet.
 
-        Raises `BadInput` when the file is no checkpoint or belongs to a run with other settings.
+        Raises `BadInput` if the file is not a checkpoint, or belongs to a run with other settings.
         """
         if not self.path.exists():
             return None
@@ -161,16 +161,16 @@ class Checkpoint:
 
 
 def kept_time(path: Path) -> float | None:
-    """Time [s] simulated up to which a run is kept in this file; None where there is no checkpoint to go on from."""
+    """Simulated time [s] of the checkpoint in this file; None if it holds none."""
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             return float(json.loads(str(file["words"]))["time_s"])
     except (OSError, ValueError, KeyError, EOFError, TypeError, IndexError, BadZipFile):
-        return None  # a damaged one is told when the run reads it
+        return None  # a damaged file is reported when the run reads it
 
 
 def _difference(there: Any, here: Any, name: str = "") -> str:
-    """The first setting that is not the same, in words."""
+    """Description of the first setting that differs."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in [*here, *(key for key in there if key not in here)]:
             if there.get(key) != here.get(key):

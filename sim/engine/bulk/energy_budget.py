@@ -1,4 +1,4 @@
-"""The books of a running simulation: where the energy is, and how deep the contacts are."""
+"""Energy balance and overlap statistics of a bulk simulation at one moment."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 class Budget:
     """Energies and overlaps at one moment.
 
-    The elastic energy is that of the normal springs; those of sliding and rolling are smaller and left out.  A contact
-    that is pulled together has given energy away: its adhesive energy is negative.  Overlaps are in twice the effective
-    radius, which is the radius between equal beads (at a wall: in the bead's radius).
+    The elastic energy is that of the normal springs; tangential and rolling springs hold less and are neglected.  The
+    adhesive energy is negative.  Overlaps between beads are in units of twice the effective radius, which is the radius
+    of equal beads; at a wall they are in units of the bead's radius.
     """
 
     kinetic: float  # [J], of translation and rotation
@@ -34,9 +34,9 @@ class Budget:
     wall_contacts: int
     mean_overlap: float  # of all contacts
     largest_overlap: float
-    work: float  # [J], given by moving walls until now
-    adhesive: float = 0.0  # [J], of the effects that attract
-    in_flight: float = 0.0  # [J], given by effects' forces in flight until now: drag takes, a wind gives
+    work: float  # [J], of moving walls so far
+    adhesive: float = 0.0  # [J], of attractive effects
+    in_flight: float = 0.0  # [J], work of the effects' forces in flight so far; negative for drag
 
     @property
     def total(self) -> float:
@@ -57,11 +57,11 @@ def measure(
     linear: bool = False,
     adhesion: Adhesion | None = None,
 ) -> Budget:
-    """The budget of `grains`, whose spheres are `rows` (as exported by the arena).
+    """Budget of `grains`, whose spheres are `rows` (as exported by the arena).
 
-    The pairs `near` touch where they overlap; a third column marks those that touched when forces were last worked out,
-    which `adhesion` may still hold.  `at_walls` are the contacts with walls: sphere, wall, overlap [m], negative where
-    adhesion may hold them.  `linear`: so are the springs.
+    `near` are pairs of spheres, shape (n, 3); the third column marks those in contact when forces were last computed,
+    which `adhesion` may still hold although they no longer overlap.  `at_walls` are contacts with walls, shape (k, 3):
+    sphere, wall, overlap [m], negative if adhesion may hold them.  `linear`: whether springs are linear.
     """
     position, radius = rows[:, 0:3], rows[:, 9]
     kind = rows[:, 19].astype(int)
@@ -101,7 +101,7 @@ class _Books:
 
 
 def _books(law: Array, radius: Array, mass: Array, overlap: Array, linear: bool, adhesion: Adhesion | None) -> _Books:
-    """Contacts with effective radii and masses; those that have parted count only where something holds them."""
+    """Depths and energies of contacts with effective radii and masses; separated ones count if adhesion holds them."""
     held = overlap > 0
     if adhesion is not None:
         held |= adhesion.holds(overlap, radius, law[..., STIFFNESS])

@@ -1,9 +1,9 @@
-"""The list of beads that are near each other: cells, the half list and its histories, renumbering.
+"""Neighbour list: cells, half Verlet list with contact histories, and renumbering of beads.
 
-Beads are renumbered in cell order whenever the list is built anew (memory order is space order); a pair belongs to the
-one of its beads with the lower number.  Several threads look for the neighbours of a part of the beads each, which they
-list in a part of the room; then the parts are moved together, so that the list is the same whatever their number.  When
-anything does not fit, the list in force stays as it is.
+Beads are renumbered in cell order at each build of the list, so that neighbours are close in memory; a pair is owned by
+its bead with the lower number.  Several threads each list the neighbours of a part of the beads in a part of the
+memory; the parts are then joined, so that the list does not depend on the number of threads.  If something does not
+fit, the current list is left unchanged.
 """
 
 from rigtwin.sim.engine.backend import ti
@@ -37,11 +37,11 @@ from rigtwin.sim.engine.bulk.table_layout import (
 from rigtwin.sim.engine.walls.wall_contacts import THREADS, WallContacts
 
 CELLS_PER_BEAD = 16
-LARGE, CELLS_IN_LARGE = 200_000, 4  # beads, and cells per bead among so many: memory counts there
+LARGE, CELLS_IN_LARGE = 200_000, 4  # beads, and cells per bead above this number, to save memory
 
 
 class Neighbours(Pairs, RigidBodies):
-    """The part of an arena that lists what is near."""
+    """Part of an arena that builds the lists of neighbours and near walls."""
 
     capacity: int
     pair_capacity: int
@@ -59,7 +59,7 @@ class Neighbours(Pairs, RigidBodies):
         self.cell_of = ti.field(ti.i32, capacity)
         self.order = ti.field(ti.i32, capacity)  # new number -> old number
         self.listed = ti.field(ti.i32, (THREADS, 2))  # pairs, and walls near beads, in each part of the next list
-        # what beads take along when they are renumbered, and where it is kept meanwhile; their largest overlap besides
+        # columns of beads to renumber, and their temporary storage; the largest overlap is handled separately
         keepers = [(field, c) for field in (self.given, self.taken) for c in range(6)]
         fours = [(field, c) for field in (self.place, self.motion, self.spin) for c in range(4)]
         others = (
@@ -71,9 +71,9 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def sort_into_cells(self):
-        """Cell of every bead and the new order; beads outside are left out of an open domain, else reported.
+        """Find the cell of every bead and the new order; beads outside an open domain are dropped, else reported.
 
-        A body leaves as a whole, when its centre does.
+        A body leaves the domain as a whole, when its centre does.
         """
         beads = self.counts[BEADS]
         nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
@@ -96,7 +96,7 @@ class Neighbours(Pairs, RigidBodies):
                     q = int(ti.floor((centre[1] - self.numbers[LOW + 1]) * scale))
                     r = int(ti.floor((centre[2] - self.numbers[LOW + 2]) * scale))
                     inside = ti.min(p, q, r, nx - 1 - p, ny - 1 - q, nz - 1 - r) >= 0
-                    # beads that stick out count to the cells at the border: that only brings cells closer
+                    # beads outside belong to the cells at the border, which can only add candidate pairs
                     x = ti.min(ti.max(x, 0), nx - 1)
                     y = ti.min(ti.max(y, 0), ny - 1)
                     z = ti.min(ti.max(z, 0), nz - 1)
@@ -116,7 +116,7 @@ class Neighbours(Pairs, RigidBodies):
                 slot = self.cell_first[cell]
                 self.order[slot] = i
                 self.cell_first[cell] = slot + 1
-        # filling moved every start to the next cell's start
+        # filling has moved every start to that of the next cell; shift back
         for k in range(cells):
             c = cells - k
             self.cell_first[c] = self.cell_first[c - 1]
@@ -125,9 +125,9 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def list_pairs(self, beads, place, stop):
-        """Write the next list of `beads` in new numbers, history carried over, into its places `place` to `stop` - 1.
+        """Write the next list of `beads` in new numbers, with histories, into its entries `place` to `stop` - 1.
 
-        The list in force stays as it is.  Returns how many places that takes or would take.
+        The current list is not changed.  Returns the number of entries needed, which may be more than there is room.
         """
         nx, ny, nz = self.counts[NX], self.counts[NY], self.counts[NZ]
         following = 1 - self.counts[LIVE_LIST]
@@ -141,7 +141,7 @@ class Neighbours(Pairs, RigidBodies):
             x = cell % nx
             y = (cell // nx) % ny
             z = cell // (nx * ny)
-            # own row from the next bead on, then the four rows that come later in cell order
+            # rest of the own row of cells, then the four rows that follow in cell order
             for row in range(5):
                 dy, dz = row, 0
                 if row >= 2:
@@ -170,7 +170,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def carry_history(self, i, j, following, new):
-        """Pair `new` takes over what is known of the contact of beads `i` and `j`."""
+        """Copy the history of the contact of beads `i` and `j` to pair `new`."""
         live = 1 - following
         owner, other = ti.min(i, j), ti.max(i, j)
         self.touching[following, new] = ti.cast(0, ti.i8)
@@ -178,7 +178,7 @@ class Neighbours(Pairs, RigidBodies):
         if other < self.counts[LISTED]:
             for p in range(self.first[live, owner], self.first[live, owner + 1]):
                 if self.partner[live, p] == other and self.touching[live, p] == 1:
-                    # seen from the other bead the history has the other sign
+                    # if the owner changes, the history changes sign
                     sign = 1.0
                     if owner != i:
                         sign = -1.0
@@ -189,7 +189,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def renumber(self, kept):
-        """Bring all that beads have into the new order, in two lots, by way of the idle `given` and `taken`."""
+        """Reorder the data of beads in two lots, with the idle fields `given` and `taken` as temporary storage."""
         if ti.static(self.rigid):
             self.keep_members(self.counts[BEADS])
         for lot in ti.static(range(2)):
@@ -214,7 +214,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def list_walls(self, beads, begin, end):
-        """Write the next list of walls near `beads`, as `list_pairs` does that of pairs."""
+        """Write the next list of walls near `beads`, as `list_pairs` does for pairs."""
         leeway = 0.5 * self.numbers[SKIN]
         first_bead, end_bead = ti.static(beads)
         found = begin
@@ -229,7 +229,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def list_pointed(self, kept):
-        """Owners of pairs; for every bead room for the forces of the pairs that others own with it, in list order."""
+        """Set the owners of pairs, and the storage for forces on beads from pairs that others own, in list order."""
         live = self.counts[LIVE_LIST]
         for i in range(kept + 1):
             self.pointed_first[i] = 0
@@ -240,7 +240,7 @@ class Neighbours(Pairs, RigidBodies):
                 self.pointed_first[j + 1] = self.pointed_first[j + 1] + 1
         for i in range(kept):
             self.pointed_first[i + 1] = self.pointed_first[i + 1] + self.pointed_first[i]
-            self.cell_of[i] = self.pointed_first[i]  # no bead's cell is asked for any more
+            self.cell_of[i] = self.pointed_first[i]  # reused; the cells are not needed any more
         for p in range(self.counts[PAIRS]):
             j = self.partner[live, p]
             self.place_of_force[p] = self.cell_of[j]
@@ -252,7 +252,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def list_part(self, part, parts):
-        """What is near the beads of one of several parts."""
+        """List the neighbours and walls near the beads of one part."""
         kept, near_capacity = self.counts[KEPT], self.walls.near_capacity
         beads = ti.static((kept * part // parts, kept * (part + 1) // parts))
         begin, end = room(self.pair_capacity, part, parts), room(self.pair_capacity, part + 1, parts)
@@ -262,7 +262,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def parts_fit(self, parts):
-        """1 when all parts of the next list had room; else STATUS says what is full, or WHOLE what to do."""
+        """1 if all parts of the next list had room; else sets STATUS (memory full) or WHOLE (build without parts)."""
         pairs, near, fits = 0, 0, 1
         for part in range(parts):
             own, own_near = self.listed[part, 0], self.listed[part, 1]
@@ -283,7 +283,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def join_parts(self, parts):
-        """Move the parts of the next list together, into the first."""
+        """Append the parts of the next list to the first."""
         following, kept = 1 - self.counts[LIVE_LIST], self.counts[KEPT]
         for part in range(1, parts):
             pairs, near = self.listed[0, 0], self.listed[0, 1]
@@ -304,7 +304,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def take_list(self, time):
-        """Put the next list in force and renumber."""
+        """Make the next list the current one and renumber."""
         kept, pairs, following = self.counts[KEPT], self.listed[0, 0], 1 - self.counts[LIVE_LIST]
         self.first[following, kept] = pairs
         self.walls.first[following, kept] = self.listed[0, 1]
@@ -339,5 +339,5 @@ class Neighbours(Pairs, RigidBodies):
 
 @ti.func
 def room(capacity, part, parts):
-    """Where a part of a list begins."""
+    """First entry of a part of a list."""
     return int(ti.cast(capacity, ti.i64) * part // parts)

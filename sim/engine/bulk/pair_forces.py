@@ -1,13 +1,14 @@
-"""What beads do to each other in a step: the pairs that touch, gathered into packets and worked out side by side.
+"""Forces between beads: pairs in contact are gathered into packets, whose forces are computed in vector code.
 
-Of all pairs in the list a part touches.  Those of a stretch of the list are found first and what the contact law needs
-of them is laid out in rows of four numbers: what is a vector in memory is moved as one.  A plain loop over these rows
-works out the forces; the compiler turns it into vector instructions, four contacts at a time.  Then the forces go to
-the beads.  See docs/decisions/0006 for what that loop must look like.
+Only some of the pairs in the list are in contact.  Those of a stretch of the list are found first, and the input of the
+contact law is stored in rows of four numbers, which are loaded and stored as vectors.  A plain loop over these rows
+computes the forces; the compiler turns it into vector instructions, four contacts at a time.  Then the forces are added
+to the beads.  See docs/decisions/0006 for the form that the loop must have.
 
-What a bead gets from the pairs it owns and from those that others own with it is added up apart, each in list order.
-Where one thread has all those pairs the second sum is made on the way; else the forces are left where the other bead
-looks for them, because no two threads may write the same number.  Both ways add the same numbers in the same order.
+The forces on a bead from the pairs that it owns, and from those that other beads own, are summed separately, each in
+list order.  If one thread has all pairs of the second kind, their sum is built during the loop.  Otherwise the forces
+are stored for the other bead to collect, because no two threads may write the same number.  Both ways add the same
+numbers in the same order.
 """
 
 from typing import Any
@@ -26,29 +27,29 @@ from rigtwin.sim.engine.contact import (
 )
 from rigtwin.sim.engine.effect_terms import Terms
 
-PACKET = 128  # pairs; what is laid out of them fits the first cache
-STRIDE = PACKET + 24  # a thread's packet ends so far from the next one's that none is fetched ahead into its cache
-PADDING = 40  # rows whose distance is a multiple of a page would push each other out of the cache
-LANES = 4  # contacts that are worked out side by side
+PACKET = 128  # pairs; their rows fit the first-level cache
+STRIDE = PACKET + 24  # gap between the packets of two threads, so that none is prefetched into the other's cache
+PADDING = 40  # entries; rows at a distance of a multiple of a page would evict each other from the cache
+LANES = 4  # contacts per vector instruction
 
 # rows of a packet: branch vector and sum of the radii; velocity of the owner against the other; spins and inertias of
 # both; slip and rolling about x; rolling about y and z
 BETWEEN, VELOCITY, SPIN, SPIN_OTHER, SLIP, ROLL = range(6)
-# more rows where beads differ: the constants of the contact
+# further rows if beads differ: the constants of the contact
 CONSTANT = 6
 ROWS = 9
-# columns that these come from: radii, masses and inertias of both, the law
+# columns from which the constants are computed: radii, masses and inertias of both, the law
 RADII, MASSES, INERTIAS, LAW = 0, 2, 4, 6
 COLUMNS = LAW + LAW_SIZE
 # rows of results: force on the owner and its torque about x; its torque about y and z, and that of the other; force on
 # the other and its torque about x; slip and rolling about x; rolling about y and z, and the depth.  Under type A grip
-# and depth stand in the place of the force on the other, and there is no row of rolling.
+# and depth replace the force on the other, and there is no row of rolling.
 GIVEN, GIVEN_AND_TAKEN, TAKEN, NEW_SLIP, NEW_ROLL = range(5)
 RESULTS = 5
 
 
 def _rows(rows: int, columns: int, length: int) -> tuple[tuple[ti.Field, ...], tuple[ti.Field, ...]]:
-    """Rows of four numbers and single columns, in a piece of memory of their own."""
+    """Rows of four numbers and single columns, in a separate block of memory."""
     builder = ti.FieldsBuilder()
     fours = tuple(ti.Vector.field(4, ti.f64) for _ in range(rows))
     ones = tuple(ti.field(ti.f64) for _ in range(columns))
@@ -59,7 +60,7 @@ def _rows(rows: int, columns: int, length: int) -> tuple[tuple[ti.Field, ...], t
 
 
 class Pairs:
-    """The part of an arena that works out pairs."""
+    """Part of an arena that computes the forces of pairs."""
 
     terms: Terms
     rigid: bool
@@ -72,38 +73,42 @@ class Pairs:
     numbers: ti.Field
     constants: ti.Field
     pair_law: ti.Field
-    reach: Any  # of a contact, told by `RigidBodies`
+    reach: Any  # of a contact, see `RigidBodies`
 
     def __init__(self, capacity: int, pair_capacity: int, packets: int, terms: Terms) -> None:
-        # two lists, of which LIVE_LIST is in force and the other is the last one or the next one
+        # two lists: LIVE_LIST is the current one, the other the previous or the next one
         self.first = ti.field(ti.i32, (2, capacity + 1))  # first pair of a bead
         self.partner = ti.field(ti.i32, (2, pair_capacity))
         self.touching = ti.field(ti.i8, (2, pair_capacity))
-        # slip, roll; zero where apart.  Between two builds the list that is not in force needs none: there lie the
-        # forces and torques of the pairs on the other, sorted by the other
+        # slip and roll; zero without contact.  Between two builds the row of the other list is free: it stores the
+        # forces and torques of the pairs on their other bead, sorted by that bead
         self.history = ti.Vector.field(6, ti.f64, (2, pair_capacity))
         if terms.changes_restitution:
-            self.impact: Any = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of this impact
-        self.owner_of = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
-        self.pointed_first = ti.field(ti.i32, capacity + 1)  # first of the forces of pairs that point to a bead
-        self.place_of_force = ti.field(ti.i32, pair_capacity)  # of a pair of the list in force
+            self.impact: Any = ti.field(ti.f64, (2, pair_capacity))  # DAMPING of the present impact
+        self.owner_of = ti.field(ti.i32, pair_capacity)  # of a pair of the current list
+        self.pointed_first = ti.field(
+            ti.i32, capacity + 1
+        )  # first of the forces of pairs in which a bead is the other one
+        self.place_of_force = ti.field(ti.i32, pair_capacity)  # of a pair of the current list
         self.sums = 6
         if self.constant_torque:
             self.sums = 7
-            self.grip: Any = ti.field(ti.f64, pair_capacity)  # [N] of the pairs on the other, sorted as their forces
+            self.grip: Any = ti.field(
+                ti.f64, pair_capacity
+            )  # [N], of the pairs on their other bead, sorted as the forces
         # force, torque and, under type A, grip on a bead; zero between steps
-        self.given = ti.Vector.field(self.sums, ti.f64, capacity)  # by the pairs that it owns
-        self.taken = ti.Vector.field(self.sums, ti.f64, capacity)  # by those that others own
+        self.given = ti.Vector.field(self.sums, ti.f64, capacity)  # from the pairs that it owns
+        self.taken = ti.Vector.field(self.sums, ti.f64, capacity)  # from the pairs that other beads own
         self.chosen = ti.field(ti.i32, packets * STRIDE)  # pairs of a packet
         length = packets * STRIDE + PADDING
         self.packet, self.column = _rows(ROWS, COLUMNS, length)
         self.result, _ = _rows(RESULTS, 0, length)
 
-    # ------------------------------------------------------------------ finding those that touch
+    # ------------------------------------------------------------------ finding contacts
 
     @ti.func
     def choose(self, live, begin, end, chunk):
-        """Pairs of the list from `begin` to `end` that touch, noted for their packet; how many."""
+        """Store the pairs in contact from `begin` to `end` of the list in `chosen`; returns their number."""
         count = 0
         for p in range(begin, end):
             place, place_j = self.place[self.owner_of[p]], self.place[self.partner[live, p]]
@@ -116,14 +121,14 @@ class Pairs:
                 touches |= self.touching[live, p] & self.holds_on(live, p)
             if touches != self.touching[live, p]:
                 self.change(live, p, touches)
-            # written in any case: that is cheaper than a branch that goes either way
+            # written in any case, which is cheaper than an unpredictable branch
             self.chosen[chunk * STRIDE + count] = p
             count += int(touches)
         return count
 
     @ti.func
     def holds_on(self, live, p):
-        """1 when the beads of a pair have parted but still hold together."""
+        """1 if the beads of a pair have separated but adhesion still holds them."""
         i, j = self.owner_of[p], self.partner[live, p]
         place, place_j = self.place[i], self.place[j]
         between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
@@ -133,7 +138,7 @@ class Pairs:
 
     @ti.func
     def change(self, live, p, touches):
-        """A contact begins or ends."""
+        """Reset the history of a contact that begins or ends."""
         self.touching[live, p] = touches
         place = self.place_of_force[p]
         for c in ti.static(range(6)):
@@ -142,12 +147,12 @@ class Pairs:
         if ti.static(self.constant_torque):
             self.grip[place] = 0.0
         if ti.static(self.terms.changes_restitution):
-            # of one that ends nobody asks any more
+            # the value of a contact that ends is never read
             self.impact[live, p] = self.damping_of_impact(self.owner_of[p], self.partner[live, p])
 
     @ti.func
     def damping_of_impact(self, i, j):
-        """Where restitution depends on the speed of impact: DAMPING of one that begins now."""
+        """DAMPING of an impact that begins now, if restitution depends on the impact speed."""
         place, place_j, motion, motion_j = self.place[i], self.place[j], self.motion[i], self.motion[j]
         between = ti.Vector([place_j[0] - place[0], place_j[1] - place[1], place_j[2] - place[2]])
         velocity = ti.Vector([motion[0] - motion_j[0], motion[1] - motion_j[1], motion[2] - motion_j[2]])
@@ -156,11 +161,11 @@ class Pairs:
         damping = self.pair_law[self.tag[i][1], self.tag[j][1]][DAMPING]
         return self.terms.damping_of_pair(damping, velocity.dot(between) / between.norm(), radius_eff, mass_eff)
 
-    # ------------------------------------------------------------------ working them out
+    # ------------------------------------------------------------------ forces
 
     @ti.func
     def gather(self, live, chunk, count, alike: ti.template()):
-        """Lay out what the contact law needs of the chosen pairs."""
+        """Store the input of the contact law for the chosen pairs in the rows of the packet."""
         room = chunk * STRIDE
         for k in range(room, room + count):
             p = self.chosen[k]
@@ -192,16 +197,16 @@ class Pairs:
 
     @ti.func
     def reach_rows(self, behind):
-        """Touch the pieces of memory of packets, at an entry `behind` all that are used.
+        """Write to the memory blocks of packets, at an entry `behind` all that are used.
 
-        The compiler then looks their places up here and not in the loop that follows, which would else stay scalar.
+        The compiler then loads their addresses here and not in the following loop, which would otherwise stay scalar.
         """
         self.packet[BETWEEN][behind][0] = 1.0
         self.result[GIVEN][behind][0] = 0.0
 
     @ti.func
     def prepare(self, chunk, count, mechanics: ti.template()):
-        """The constants of the chosen contacts, where beads differ.  Vector code too."""
+        """Constants of the chosen contacts, if beads differ; also vector code."""
         room = chunk * STRIDE
         step = self.numbers[STEP]
         self.reach_rows(room + count)
@@ -219,7 +224,7 @@ class Pairs:
 
     @ti.func
     def work_out(self, chunk, count, alike: ti.template(), mechanics: ti.template()):
-        """Forces of the chosen pairs.  One loop without calls, gathers or early ends: it is to become vector code."""
+        """Forces of the chosen pairs.  A loop without calls, gathers or early exits, so that it becomes vector code."""
         room = chunk * STRIDE
         step = self.numbers[STEP]
         same_law, same = self.pair_law[0, 0], self.constants[None]
@@ -239,7 +244,7 @@ class Pairs:
                 roll = ti.Vector([self.packet[SLIP][k][3], self.packet[ROLL][k][0], self.packet[ROLL][k][1]])
             distance2 = between.norm_sqr()
             distance = ti.sqrt(distance2)
-            normal = between * (distance * (1.0 / distance2))  # the division need not wait for the root
+            normal = between * (distance * (1.0 / distance2))  # the division does not have to wait for the root
             lever = constants[SHARE] * distance
             lever_j = distance - lever
             surface = self.three(VELOCITY, k)
@@ -257,7 +262,7 @@ class Pairs:
             torque_j = lever_j * turn - torque
             torque += lever * turn
             depth = overlap * (1.0 / constants[ROLLING_RADIUS])
-            # rows are written whole: a gap would keep the loop scalar
+            # rows are written completely; a gap would keep the loop scalar
             for c in ti.static(range(4)):
                 self.result[GIVEN][k][c] = (force[0], force[1], force[2], torque[0])[c]
                 self.result[GIVEN_AND_TAKEN][k][c] = (torque[1], torque[2], torque_j[1], torque_j[2])[c]
@@ -275,13 +280,13 @@ class Pairs:
 
     @ti.func
     def deliver(self, live, chunk, count, own, stop):
-        """Bring forces to the beads and histories back to the pairs; nobody else gives to beads `own` to `stop` - 1."""
+        """Add forces to beads and store histories; beads `own` to `stop` - 1 get forces from this thread only."""
         room = chunk * STRIDE
         deepest = 0.0
         for k in range(room, room + count):
             p = self.chosen[k]
             i, j = self.owner_of[p], self.partner[live, p]
-            # all is read before anything is written: so it is moved as vectors
+            # all reads precede all writes, so that the compiler uses vector moves
             on_i, on_both, on_j = self.result[GIVEN][k], self.result[GIVEN_AND_TAKEN][k], self.result[TAKEN][k]
             slip, given = self.result[NEW_SLIP][k], self.given[i]
             grip, depth = on_j[0], on_j[1]
@@ -310,13 +315,13 @@ class Pairs:
             self.hand_to_other(live, p, j, on_j, on_both, grip_j, own <= j < stop)
             deepest = ti.max(deepest, depth)
         if deepest > 0.0:
-            # which of the packet's beads keeps it does not matter: only the largest of all is asked for
+            # any bead of the packet may store it: only the overall maximum is read
             first = self.owner_of[self.chosen[room]]
             self.worst[first] = ti.max(self.worst[first], deepest)
 
     @ti.func
     def hand_to_other(self, live, p, j, on_j, on_both, grip, alone):
-        """What pair `p` does to its other bead `j`; left for it where other threads may write there too."""
+        """Add the force of pair `p` to its other bead `j`, or store it there if other threads may write to `taken`."""
         if alone:
             taken = self.taken[j]
             for c in ti.static(range(4)):
@@ -336,12 +341,13 @@ class Pairs:
 
     @ti.func
     def meet(self, live, begin, end, chunk, own, stop, alike: ti.template(), mechanics: ti.template()):
-        """Forces of the pairs from `begin` to `end`, at most PACKET; `chunk` says which packet is free for that, and
-        beads `own` to `stop` - 1 get forces from nobody else.
+        """Forces of the pairs from `begin` to `end`, at most PACKET, in packet number `chunk`.
+
+        Beads `own` to `stop` - 1 get forces from this thread only.
         """
         count = self.choose(live, begin, end, chunk)
         self.gather(live, chunk, count, alike)
-        # rows with a number that is not read end in a scalar contact, so there is one more than a multiple of lanes
+        # a loop that writes unused numbers ends in a scalar contact, so there is one more than a multiple of LANES
         lanes = (count + LANES - 1) // LANES * LANES + 1
         if ti.static(not alike):
             self.prepare(chunk, lanes, mechanics)
@@ -350,7 +356,7 @@ class Pairs:
 
     @ti.func
     def sum_taken(self, live, i):
-        """What the pairs that others own with bead `i` do to it, where they left it."""
+        """Sum of the stored forces on bead `i` from pairs that other beads own."""
         total = ti.Vector([0.0] * self.sums)
         for q in range(self.pointed_first[i], self.pointed_first[i + 1]):
             for c in ti.static(range(6)):

@@ -1,4 +1,4 @@
-"""What a simulation of many particles shows of them: the state of every particle, and of every sphere."""
+"""Result types of a bulk simulation: state of all particles (`Grains`) and of all spheres (`Beads`)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from rigtwin.lab.arrays import Array
 
 @dataclass(frozen=True)
 class Grains:
-    """State of all particles, a sphere or a clump each, in the order of their names."""
+    """State of all particles, spheres or clumps, ordered by their numbers."""
 
     ident: npt.NDArray[np.int64]  # number in the order of adding
     kind: npt.NDArray[np.int64]  # index of the particle
     position: Array  # [m], shape (n, 3), of the centre of mass
     velocity: Array  # [m/s], shape (n, 3)
     spin: Array  # [rad/s], shape (n, 3)
-    turn: Array  # [1], shape (n, 4), quaternion from the clump's own axes to space; a sphere's is not followed
+    turn: Array  # [1], shape (n, 4), quaternion from the clump's own axes to space; not computed for spheres
     mass: Array  # [kg]
     momentum: Array  # [kg m^2/s], shape (n, 3), angular, about the centre of mass
 
@@ -31,7 +31,7 @@ class Grains:
 
 @dataclass(frozen=True)
 class Beads:
-    """State of all spheres, in the order of their names."""
+    """State of all spheres, ordered by their numbers."""
 
     ident: npt.NDArray[np.int64]  # number in the order of adding
     kind: npt.NDArray[np.int64]  # index of the particle
@@ -39,8 +39,8 @@ class Beads:
     velocity: Array  # [m/s], shape (n, 3)
     spin: Array  # [rad/s], shape (n, 3)
     radius: Array  # [m]
-    mass: Array  # [kg], of a clump's sphere its share by volume
-    grain: npt.NDArray[np.int64] | None = None  # name of the particle that a sphere is part of; None: each its own
+    mass: Array  # [kg]; of a sphere in a clump its share by volume
+    grain: npt.NDArray[np.int64] | None = None  # number of the particle of each sphere; None: single spheres
     grains: Grains | None = None  # None: the spheres themselves
 
     @property

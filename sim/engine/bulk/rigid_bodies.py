@@ -1,13 +1,13 @@
-"""Rigid bodies of several beads in an arena: what they weigh, how they turn, and where that puts their beads.
+"""Rigid bodies (clumps) of several beads: mass and moments of inertia, rotation, and positions of their beads.
 
-The beads of a body carry its contacts as any others do; two of one body are never listed as a pair.  After the walls
-each bead holds the sum of its forces, each body adds up those of its beads in a fixed order, and moves.
+The beads of a body have contacts as any other bead; two beads of one body are never listed as a pair.  After the walls
+each bead holds the sum of its forces.  Each body then adds up the sums of its beads in a fixed order, and moves.
 
-A body's angular momentum is kept in space axes at half steps, so that without a torque it stays the same to the bit.
-Over a step it is constant, and the body turns under it by the symmetric splitting into rotations about its own axes
-(Dullweber, Leimkuhler and McLachlan 1997, J. Chem. Phys. 107, 5840): symplectic, so that the energy of a spinning
-body does not drift.  Each rotation is Cayley's, which needs a division instead of a sine and a cosine, stays
-orthogonal, and errs in third order of the angle where the splitting errs in second.
+The angular momentum is stored in space axes at half steps, so that without a torque it is constant to the bit.  Over a
+step the body rotates under a constant angular momentum by the symmetric splitting into rotations about its own axes
+(Dullweber, Leimkuhler and McLachlan 1997, J. Chem. Phys. 107, 5840).  The splitting is symplectic, so that the energy
+of a rotating body does not drift.  Each rotation is a Cayley rotation: it needs a division instead of sine and cosine,
+is exactly orthogonal, and its error is of third order in the angle, below the second-order error of the splitting.
 """
 
 import numpy as np
@@ -27,13 +27,13 @@ BODY_SIZE = 25
 CENTRE, VELOCITY, TURN, MOMENTUM = slice(0, 3), slice(3, 6), slice(6, 10), slice(10, 13)
 MOMENTS, MASS, PUSH, TORQUE, IDENT, KIND = slice(13, 16), 16, slice(17, 20), slice(20, 23), 23, 24
 MEMBER_SIZE = 4  # place in the body's axes 3, number of the body (-1: none)
-NEWTON_STEPS = 5  # moments that differ by a factor of twenty need no more
-NO_SPIN2 = 1e-200  # [rad^2/s^2]; below, the square loses its digits, and a spin so slow is what rounding left of one
-ALL_BUT_HELD = 1e-9  # relative: a spin that is stopped but for so little rests; what is left of it has no digits
+NEWTON_STEPS = 5  # sufficient for moments of inertia that differ by a factor of 20
+NO_SPIN2 = 1e-200  # [rad^2/s^2], below which the square loses digits and the spin is a residue of rounding
+ALL_BUT_HELD = 1e-9  # relative; a spin that exceeds the limit by less is stopped, as its rest has no valid digits
 
 
 class RigidBodies:
-    """The part of an arena that knows of bodies; its fields take no memory where there are none."""
+    """Part of an arena that handles rigid bodies; its fields are allocated only if there are any."""
 
     place: ti.Field
     motion: ti.Field
@@ -47,7 +47,7 @@ class RigidBodies:
 
     def __init__(self, capacity: int, constant_torque: bool) -> None:
         if constant_torque:
-            self.brake = ti.field(ti.f64, capacity)  # [N m], what rolling resistance of a bead has at most
+            self.brake = ti.field(ti.f64, capacity)  # [N m], limit of the rolling resistance of a bead
         self.body = ti.field(ti.i32, capacity)  # of a bead, -1: none
         self.arm = ti.Vector.field(3, ti.f64, capacity)  # of a bead, in its body's axes
         self.spare_member = ti.Vector.field(MEMBER_SIZE, ti.f64, capacity)
@@ -61,7 +61,7 @@ class RigidBodies:
         self.body_push = ti.Vector.field(3, ti.f64, capacity)  # acceleration
         self.body_twist = ti.Vector.field(3, ti.f64, capacity)  # torque, in space
         self.body_tag = ti.Vector.field(2, ti.i32, capacity)  # ident, kind
-        self.body_new = ti.field(ti.i32, capacity)  # number of a body in the next list, -1: it left
+        self.body_new = ti.field(ti.i32, capacity)  # number of a body in the next list; -1: it left the domain
 
     @ti.kernel
     def put_bodies(self, bodies: ti.types.ndarray(), start: ti.i32, count: ti.i32):
@@ -102,7 +102,7 @@ class RigidBodies:
 
     @ti.kernel
     def put_members(self, members: ti.types.ndarray(), start: ti.i32, count: ti.i32):
-        """Say of beads start ... start + count - 1 which bodies they are parts of (columns as in MEMBER_SIZE)."""
+        """Set the bodies of beads start ... start + count - 1 (columns as in MEMBER_SIZE)."""
         ti.loop_config(serialize=True)
         for k in range(count):
             for c in ti.static(range(3)):
@@ -138,7 +138,7 @@ class RigidBodies:
 
     @ti.func
     def renumber_bodies(self, bodies, kept):
-        """Close the gaps of the bodies that left and list the beads of each; how many bodies are left."""
+        """Remove bodies that left the domain and list the beads of each; returns the number of remaining bodies."""
         for b in range(bodies):
             self.body_new[b] = -1
         for a in range(kept):
@@ -167,7 +167,7 @@ class RigidBodies:
 
     @ti.func
     def list_members(self, left, kept):
-        """The beads of each body, by their numbers."""
+        """List the beads of each body by their numbers."""
         for b in range(left + 1):
             self.member_first[b] = 0
         for a in range(kept):
@@ -177,7 +177,7 @@ class RigidBodies:
                 self.member_first[b + 1] = self.member_first[b + 1] + 1
         for b in range(left):
             self.member_first[b + 1] = self.member_first[b + 1] + self.member_first[b]
-        # filling moves every start to the next one's; they are moved back
+        # filling moves every start to that of the next body; shift back
         for a in range(kept):
             b = self.body[a]
             if b >= 0:
@@ -192,7 +192,7 @@ class RigidBodies:
 
     @ti.func
     def lever(self, i):
-        """From the centre of mass of its body to bead `i` [m]; none for a bead that is no part of a body."""
+        """Vector [m] from the centre of mass of its body to bead `i`; zero for a single bead."""
         lever = ti.Vector([0.0, 0.0, 0.0])
         b = self.body[i]
         if b >= 0:
@@ -202,12 +202,12 @@ class RigidBodies:
 
     @ti.func
     def reach(self, i, normal):
-        """How far from the centre of mass bead `i` is touched towards `normal`, in radii of the bead."""
+        """Distance from the centre of mass to the contact of bead `i` in direction `normal`, in radii of the bead."""
         return reach(self.lever(i), self.place[i][3], normal)
 
     @ti.func
     def sum_of_beads(self, b, middle):
-        """Force on body `b`, torque about its `middle`, and what brakes its spin."""
+        """Force on body `b`, torque about its centre of mass `middle`, and limit of its rolling resistance."""
         force = ti.Vector([0.0, 0.0, 0.0])
         torque = ti.Vector([0.0, 0.0, 0.0])
         brake = 0.0
@@ -223,7 +223,7 @@ class RigidBodies:
 
     @ti.func
     def carry(self, b, step, gravity, reach2, fastest2):
-        """Move body `b` by a step; 1 when one of its beads left its skin, 2 when one is too fast."""
+        """Move body `b` by a step; returns bits: 1 if a bead left its skin, 2 if a bead is too fast."""
         centre = self.body_place[b]
         mass = centre[3]
         middle = ti.Vector([centre[0], centre[1], centre[2]])
@@ -263,7 +263,7 @@ class RigidBodies:
             i = self.member[k]
             arm = self.arm[i]
             position = middle + after @ arm
-            # what the bead really moved in the step, so that the slip of a contact is that of its surfaces
+            # mean velocity of the bead in the step, so that the slip of a contact is the displacement of its surfaces
             drift = velocity + rate @ arm
             moved = 0.0
             for c in ti.static(range(3)):
@@ -282,15 +282,15 @@ class RigidBodies:
 
 @ti.func
 def braked_momentum(along, moments, most):
-    """Angular momentum, in a body's own axes, from which a torque against its spin takes up to `most` [N m s].
+    """Angular momentum, in the axes of the body, after a torque against the spin has removed up to `most` [N m s].
 
-    The spin w that is left obeys I w + most w/|w| = `along`: that of the end of the step is braked, so that it is never
-    turned back and a body that rests stays at rest.  With w = `along` / (I + s) what is left to find is s.
+    The remaining spin w satisfies I w + most w/|w| = `along`.  The spin at the end of the step is braked, so that it is
+    never reversed and a body at rest stays at rest.  With w = `along` / (I + s) only s is unknown.
     """
     size = along.norm()
     left = ti.Vector([0.0, 0.0, 0.0])
     if size > most * (1.0 + ALL_BUT_HELD):
-        # Newton's method from above on a concave function; at once exact where all moments are the same
+        # Newton's method from above on a concave function; exact after one step if all moments are equal
         s = ti.max(moments[0], moments[1], moments[2]) * most / (size - most)
         if most > 0.0:
             for _ in range(NEWTON_STEPS):
@@ -304,7 +304,7 @@ def braked_momentum(along, moments, most):
 
 @ti.func
 def taken_off(along, moments, most):
-    """Angular momentum of up to `most` [N m s] about the axis of the spin that there is, not more than there is."""
+    """Angular momentum of up to `most` [N m s] about the axis of the present spin, at most the present one."""
     spin = along / moments
     taken = along
     if spin.norm_sqr() > NO_SPIN2:
@@ -315,7 +315,7 @@ def taken_off(along, moments, most):
 
 @ti.func
 def rotation(q):
-    """The matrix that turns from the body's axes to space."""
+    """Rotation matrix from the axes of the body to space."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     return ti.Matrix(
         [
@@ -328,7 +328,7 @@ def rotation(q):
 
 @ti.func
 def turned_about(q, along, axis: ti.template(), half):
-    """A body turned about its own axis by 2 atan(half): its quaternion, not normalised, and the momentum it sees."""
+    """Rotate a body about its own axis by 2 atan(half): quaternion, not normalised, and momentum in its axes."""
     one, other = ti.static((axis + 1) % 3, (axis + 2) % 3)
     scale = 1.0 / (1.0 + half * half)
     cosine, sine = (1.0 - half * half) * scale, 2.0 * half * scale
@@ -358,21 +358,21 @@ def matrices(turn: Array) -> Array:
 
 
 def velocities_now(rows: Array, step: float) -> tuple[Array, Array, Array]:
-    """Velocity, spin and angular momentum, shape (n, 3), of exported bodies at the time of their places."""
+    """Velocity, spin and angular momentum, shape (n, 3), of exported bodies at the time of their positions."""
     velocity = rows[:, VELOCITY] + 0.5 * step * rows[:, PUSH]
     momentum = rows[:, MOMENTUM] + 0.5 * step * rows[:, TORQUE]
     return velocity, spin_of(rows[:, TURN], rows[:, MOMENTS], momentum), momentum
 
 
 def spin_of(turn: Array, moments: Array, momentum: Array) -> Array:
-    """Angular velocity [rad/s] of bodies with this angular momentum, in space axes."""
+    """Angular velocity [rad/s] from the angular momentum of bodies, in space axes, shape (n, 3)."""
     axes = matrices(turn)
     along = np.einsum("nji,nj->ni", axes, momentum) / moments
     return np.asarray(np.einsum("nij,nj->ni", axes, along))
 
 
 def momentum_of(turn: Array, moments: Array, spin: Array) -> Array:
-    """Angular momentum [kg m^2/s] of bodies with this angular velocity, in space axes."""
+    """Angular momentum [kg m^2/s] from the angular velocity of bodies, in space axes, shape (n, 3)."""
     axes = matrices(turn)
     along = np.einsum("nji,nj->ni", axes, spin) * moments
     return np.asarray(np.einsum("nij,nj->ni", axes, along))
@@ -381,7 +381,7 @@ def momentum_of(turn: Array, moments: Array, spin: Array) -> Array:
 def new_bodies(
     particle: Particle, position: Array, velocity: Array, spin: Array, turn: Array | None, sizes: Array
 ) -> Array:
-    """Clumps as the arena takes them, all at one time, without names and forces; `sizes` in parts of the particle's."""
+    """Rows of new clumps for the arena, without numbers and forces; `sizes` relative to the particle."""
     rows = np.zeros((len(position), BODY_SIZE))
     turn = np.broadcast_to([1.0, 0.0, 0.0, 0.0] if turn is None else turn, (len(position), 4)).astype(float)
     length = np.linalg.norm(turn, axis=1, keepdims=True)
@@ -394,7 +394,7 @@ def new_bodies(
 
 
 def new_members(particle: Particle, bodies: Array, sizes: Array, first: int) -> tuple[Array, Array]:
-    """The beads of new `bodies`, as the arena takes them, and which is whose; the bodies' numbers begin at `first`."""
+    """Rows of the beads of new `bodies` for the arena, and their membership; body numbers begin at `first`."""
     assert particle.shape is not None
     count = len(particle.shape.radii)
     arms = sizes[:, None, None] * np.array(particle.shape.offsets)
@@ -406,7 +406,7 @@ def new_members(particle: Particle, bodies: Array, sizes: Array, first: int) -> 
     rows[:, 6:9] = np.repeat(spin, count, axis=0)
     rows[:, 3:6] = np.repeat(bodies[:, VELOCITY], count, axis=0) + np.cross(rows[:, 6:9], lever)
     rows[:, 9] = radii.reshape(-1)
-    # a contact feels the mass of the whole clump; rolling resistance the smallest of its moments
+    # contacts use the mass of the whole clump, rolling resistance the smallest of its moments of inertia
     rows[:, 10] = np.repeat(bodies[:, MASS], count)
     rows[:, 11] = np.repeat(bodies[:, MOMENTS].min(axis=1), count)
     members = np.zeros((len(rows), MEMBER_SIZE))

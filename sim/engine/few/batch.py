@@ -1,8 +1,9 @@
-"""The bench on which few bodies move: many small simulations side by side, each a serial loop, all in one launch.
+"""Fields and kernels for many small simulations (copies), each a serial loop, all in one launch.
 
-Bodies, pairs and walls of all copies stand one after another in the same fields, and each copy knows where its own
-begin.  Threads take copies as they come free.  What a copy computes hangs on its own numbers alone, so it gets the same
-bits in any company; and it begins on a line of the cache of its own, so that no two threads write to the same line.
+Bodies, pairs and walls of all copies are stored one after another in the same fields; each copy has the indices of its
+first ones.  A thread takes the next copy when it becomes free.  The result of a copy depends on its own numbers only,
+so it is the same to the bit whatever other copies run.  The data of each copy begin on a new cache line, so that no two
+threads write to the same line.
 """
 
 import time
@@ -42,14 +43,14 @@ from rigtwin.sim.engine.walls.wall_table import KINDS, MOTION_SIZE, WallTable
 
 Integers = npt.NDArray[np.int32]
 
-# there is room for so many copies; more make it so many times larger, so that few kernels are ever compiled.  A power
-# of two in either would bring the same element of all fields to one line of the cache, where they push each other out
+# number of copies in the smallest fields, and factor to the next size, so that few kernels are compiled.  With a power
+# of two in either, the same elements of all fields would map to the same cache line and evict each other
 COPIES, LARGER = 1000, 9
 BODIES_A_COPY, PAIRS_A_COPY, WALLS_A_COPY, ELEMENTS_A_COPY, ENTRIES_A_COPY = 8, 16, 2, 4, 16
-LINE, LINE_OF_LIST = 8, 16  # vectors and numbers of 4 bytes that are surely not on one line of the cache
+LINE, LINE_OF_LIST = 8, 16  # numbers of vectors, and of 4-byte numbers, that fill at least a cache line
 THREADS_OF_A_BLOCK = 32  # on a GPU
-LAUNCH = 0.2  # [s], so that progress and Ctrl-C work twice a second
-FIRST_RATE = 1e6  # [1/s], first guess of the steps that are made, of all copies together
+LAUNCH = 0.2  # [s] per launch, so that progress and Ctrl-C are handled at least twice a second
+FIRST_RATE = 1e6  # [1/s], initial estimate of the steps per second of all copies together
 LEAST_STEPS, MOST_STEPS = 100, 50_000_000  # of a copy in a launch
 
 # columns of a table of bodies: position 3, velocity 3, spin 3, radius, mass, inertia, pivot 3, length, kind
@@ -59,35 +60,35 @@ BODY_SIZE = 17
 
 @dataclass(frozen=True)
 class Copy:
-    """One small simulation in numbers."""
+    """Data of one small simulation."""
 
     bodies: Array  # shape (n, 17)
-    pairs: Array  # shape (n * n, LAW_SIZE + 1): the law of each pair, and whether it meets
+    pairs: Array  # shape (n * n, LAW_SIZE + 1): law of each pair, and whether it has contact forces
     walls: WallTable
     times: Array  # [s]
     clock: Array  # shape (9,)
-    changes: bool  # whether a wall moves or goes
+    changes: bool  # whether a wall moves or is removed
     effects: tuple[Active, ...] = ()
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a copy."""
+    """Result of a copy."""
 
     samples: Array  # shape (times, bodies, 9); NaN after a break-down
     steps: int
     time: float  # [s], reached
-    culprit: int = -1  # the body whose motion is no finite number
+    culprit: int = -1  # body whose velocity is not finite; -1: none
 
 
 def run(copies: Sequence[Copy], mechanics: Mechanics, threads: int, tell: Callable[[float], None]) -> list[Outcome]:
-    """Move copies that have the same effects; `tell` hears of the time [s] that all of them have made together."""
+    """Run copies that have the same effects; `tell` is called with the simulated time [s] of all of them together."""
     bench = _bench(tuple(one.effect for one in copies[0].effects), _room(copies))
     return bench.run(copies, mechanics, threads, tell)
 
 
 def _room(copies: Sequence[Copy]) -> int:
-    """How many copies there must be room for."""
+    """Number of copies that the fields must hold."""
     needs = max(
         len(copies),
         sum(_whole_lines(len(copy.bodies) + 1, LINE) for copy in copies) / BODIES_A_COPY,
@@ -108,12 +109,12 @@ def _whole_lines(size: int, line: int) -> int:
 
 
 def _places(sizes: Sequence[int], line: int = 1) -> Integers:
-    """Where each of these pieces begins when they stand one after another, and where the last one ends."""
+    """Begin of each of these consecutive pieces, and the end of the last one."""
     return np.cumsum([0, *(_whole_lines(size, line) for size in sizes)], dtype=np.int32)
 
 
 def _nearness(copies: Sequence[Copy], body_at: Integers, wall_at: Integers) -> tuple[Array, Integers, Integers]:
-    """What all walls are made of, and the list of what is near each body: every part of every wall of its copy."""
+    """Elements of all walls, and the list of walls near each body: every element of every wall of its copy."""
     element_at = _places([len(copy.walls.elements) for copy in copies])
     entry_at = _places([len(copy.bodies) * len(copy.walls.elements) for copy in copies], LINE_OF_LIST)
     elements = np.concatenate([copy.walls.elements for copy in copies])
@@ -121,7 +122,7 @@ def _nearness(copies: Sequence[Copy], body_at: Integers, wall_at: Integers) -> t
     first, near = np.zeros(body_at[-1] + 1, dtype=np.int32), np.zeros(entry_at[-1], dtype=np.int32)
     for c, copy in enumerate(copies):
         n, parts = len(copy.bodies), len(copy.walls.elements)
-        # bodies that only fill the line have the entries that do so
+        # padding bodies have the padding entries
         first[body_at[c] : body_at[c + 1] + 1] = entry_at[c + 1]
         first[body_at[c] : body_at[c] + n + 1] = entry_at[c] + np.arange(n + 1) * parts
         near[entry_at[c] : entry_at[c] + n * parts] = np.tile(element_at[c] + np.arange(parts), n)
@@ -154,7 +155,7 @@ class Bench(Steps):
     def run(
         self, copies: Sequence[Copy], mechanics: Mechanics, threads: int, tell: Callable[[float], None]
     ) -> list[Outcome]:
-        """Load the copies and advance them to the last of their times."""
+        """Load the copies and advance them to their last sample times."""
         counts = self.load(copies)
         clock = np.array([copy.clock for copy in copies])
         times = np.concatenate([copy.times for copy in copies])
@@ -182,9 +183,9 @@ class Bench(Steps):
         ]
 
     def load(self, copies: Sequence[Copy]) -> Integers:
-        """Take the copies as they are at the start; their counts."""
+        """Load the initial states of the copies; returns their counts."""
         counts = np.zeros((len(copies), COUNTS), dtype=np.int32)
-        # one more, so that what fills the line of a list behind its entries is near no body of a copy
+        # one additional body, so that padding entries of a list do not belong to a body of a copy
         body_at = _places([len(copy.bodies) + 1 for copy in copies], LINE)
         pair_at = _places([len(copy.pairs) for copy in copies], LINE)
         wall_at = _places([len(copy.walls.motion) for copy in copies])
@@ -220,7 +221,7 @@ class Bench(Steps):
                 self.body[i] = ti.Vector([bodies[i, 9], bodies[i, 10], bodies[i, 11]])
                 self.thread[i] = ti.Vector([bodies[i, 12], bodies[i, 13], bodies[i, 14], bodies[i, 15]])
                 self.kind[i] = int(bodies[i, KIND])
-                # the last run may have broken down here, and nothing times no number is no number
+                # the last run may have broken down here, and zero times NaN is NaN
                 self.push[i] = ti.Vector([0.0, 0.0, 0.0])
                 self.twist[i] = ti.Vector([0.0, 0.0, 0.0])
                 self.brake[i] = 0.0
@@ -243,7 +244,7 @@ class Bench(Steps):
         first: ti.types.ndarray(),
         near: ti.types.ndarray(),
     ):
-        """Bodies differ, so the constants of a contact are worked out when it is met: they are not needed here."""
+        """Load the walls.  The constants of contacts are computed when needed, as bodies may differ."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             for e in range(elements.shape[0]):
@@ -276,7 +277,7 @@ class Bench(Steps):
         samples: ti.types.ndarray(),
         mechanics: ti.template(),
     ):
-        """Each worker takes the next of the running copies until none is left; `taken` counts those that are."""
+        """Each worker takes the next running copy until none is left; `taken` counts the copies taken."""
         ti.loop_config(block_dim=self.block)
         for worker in range(workers * self.grain):
             if worker % self.grain == 0:

@@ -1,8 +1,8 @@
-"""One to a few bodies: each run one serial loop, with a step that adapts to the contact; many runs in one launch.
+"""Simulation of up to 16 bodies with an adaptive time step; many independent cases in one launch.
 
-For the rigs whose result hangs on a single collision (drop, pendulum) the stiffness is the real one and the step in
-contact a small part of Rayleigh's; between contacts the step grows with the gap, never crossing it.  Velocity Verlet,
-float64; a body may hang on a rigid massless thread (RATTLE).
+It is used for rigs whose result depends on single collisions (drop, pendulum).  Moduli are not softened, and the step
+in contact is a small fraction of Rayleigh's.  Between contacts the step grows with the gap, without crossing it.
+Velocity Verlet, float64; a body may be suspended on a rigid massless thread (RATTLE).
 
 ::
 
@@ -36,48 +36,48 @@ from rigtwin.sim.engine.walls.wall_table import WallTable, wall_table
 _Result = TypeVar("_Result")
 
 BODIES = 16
-ELEMENTS = 64  # planes, discs, triangles ... that the walls are made of
-ACCURATE_FRACTION = 0.015  # of Rayleigh's step: a twentieth of the usual 30 %, restitution then errs by < 0.1 %
-FLIGHT_STEP = 1e-4  # [s], longest step out of contact
+ELEMENTS = 64  # largest number of wall elements (planes, discs, triangles ...)
+ACCURATE_FRACTION = 0.015  # of Rayleigh's step: 1/20 of the usual 30 %; the error of the restitution is then < 0.1 %
+FLIGHT_STEP = 1e-4  # [s], default longest step out of contact
 HALVINGS = 6
 UNTURNABLE = 1e30  # [kg m^2]
 
 
 @dataclass(frozen=True)
 class Body:
-    """One sphere, where it starts, and the thread it may hang on."""
+    """One sphere, its initial state, and the thread on which it may be suspended."""
 
     particle: Particle
     position: tuple[float, float, float]  # [m]
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [rad/s]
-    pivot: tuple[float, float, float] | None = None  # [m], the thread's other end; None: free
-    turns: bool = True  # False: it keeps its spin, as a body too broad to roll does
+    pivot: tuple[float, float, float] | None = None  # [m], other end of the thread; None: free
+    turns: bool = True  # False: its spin is constant, as for a body that cannot roll
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A few bodies and all that they feel, from t = 0 on.
+    """One simulation: bodies, walls, contacts and gravity, from t = 0 on.
 
-    `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: bodies never touch.
-    Gravity turns about y by `gravity_turns`, from z towards x: what a plate feels whose far end (x > 0) sinks.
+    `contacts` is one Contact for all pairs of bodies, or one per pair (i, j) with i < j; None: no contact forces.
+    Gravity rotates about y at `gravity_turns`, from z towards x, as in the axes of a plate whose far end (x > 0) sinks.
     `effects` act on all bodies and contacts.  The springs of the "linear" law are as stiff as Hertz's contacts at
     `impact_speed`.
     """
 
     bodies: Sequence[Body]
-    times: Array  # [s], rising, when the motion is sampled
+    times: Array  # [s], ascending, of the samples
     walls: Sequence[Wall] = ()
     contacts: Mapping[tuple[int, int], Contact] | Contact | None = None
     gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)  # [m/s^2]
     gravity_turns: float = 0.0  # [rad/s]
     step: float | None = None  # [s], in contact; None: `contact_step`
-    flight_step: float = FLIGHT_STEP  # [s], the longest out of contact
+    flight_step: float = FLIGHT_STEP  # [s], longest step out of contact
     rolling: Rolling = "type C"
     contact_law: ContactLaw = "Hertz-Mindlin"
     impact_speed: float = IMPACT_SPEED  # [m/s]
     effects: Sequence[Active] = ()
-    name: str = ""  # by which errors call it where there are many; else its place, as in "cases[3]"
+    name: str = ""  # in error messages; default: its index, as in "cases[3]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,16 +97,73 @@ def contact_step(particles: Sequence[Particle], fraction: float = ACCURATE_FRACT
 
 
 def run(bodies: Sequence[Body], times: Array, *, progress: Progress = silent, **settings: Any) -> Motion:
-    """Move the bodies from t = 0 and sample them at `times` [s], rising; `settings` are those of a `Case`."""
+    """Simulate a few bodies from t = 0 and sample their motion.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        1 to 16 spheres with initial states.
+    times : array
+        Times of the samples [s], shape (k,), ascending.
+    progress : Progress
+        Callback for the progress display.
+    **settings
+        Further fields of a `Case`, such as `walls`, `contacts` and `effects`.
+
+    Returns
+    -------
+    Motion
+        Positions [m], velocities [m/s] and spins [rad/s] at the sample times, shape (k, n, 3) for n bodies.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range, or bodies overlap at the start.
+    SimulationFailed
+        If a velocity is not finite or above 1000 km/s.
+
+    Notes
+    -----
+    Velocity Verlet.  The step is `step` in contact, and grows up to `flight_step` with the gap between contacts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rigtwin.lab.reference import hlosta2020
+    >>> motion = run([Body(hlosta2020.particle("D6"), (0.0, 0.0, 1.0))], np.array([0.1]))
+    >>> round(float(motion.position[0, 0, 2]), 3)
+    0.951
+    """
     return the_one(run_many([Case(bodies, times, **settings)], progress=progress))
 
 
 def run_many(
     cases: Sequence[Case], *, threads: int | None = None, progress: Progress = silent
 ) -> list[Motion | RigtwinError]:
-    """Move all the cases side by side, spread over `threads` (None: all cores); each gets the bits that it gets alone.
+    """Simulate many cases in parallel.
 
-    In the place of a case that breaks down stands the error that says so.
+    Parameters
+    ----------
+    cases : sequence of Case
+        The simulations; those with the same effects and contact law share a kernel.
+    threads : int, optional
+        Number of threads.  Default: all cores.
+    progress : Progress
+        Callback for the progress display.
+
+    Returns
+    -------
+    list of Motion or RigtwinError
+        One result per case; the result of a case that breaks down is its error.
+
+    Raises
+    ------
+    BadInput
+        If a setting of a case is out of its range; the message names the case.
+
+    Notes
+    -----
+    The result of a case does not depend on the other cases or on the number of threads, to the bit.
     """
     return _run(_ready(cases), threads, progress)
 
@@ -114,10 +171,10 @@ def run_many(
 def run_halved(
     bodies: Sequence[Body], times: Array, *, tolerance: float, progress: Progress = silent, **settings: Any
 ) -> tuple[Motion, float]:
-    """`run` with the step in contact halved until no sample moves by more than `tolerance` [m].
+    """`run` with the step in contact halved until no sampled position changes by more than `tolerance` [m].
 
-    Returns the finer of the last two runs and how far they lie apart [m], which is above the tolerance only when
-    six halvings were not enough.
+    Returns the finer of the last two runs and their largest distance [m], which exceeds the tolerance only if six
+    halvings were not enough.
     """
     return the_one(run_many_halved([Case(bodies, times, **settings)], tolerance=tolerance, progress=progress))
 
@@ -125,7 +182,7 @@ def run_halved(
 def run_many_halved(
     cases: Sequence[Case], *, tolerance: float, threads: int | None = None, progress: Progress = silent
 ) -> list[tuple[Motion, float] | RigtwinError]:
-    """`run_halved` for many cases at once; those that have settled take no part in the next halving."""
+    """`run_halved` for many cases at once; cases that have converged are left out of further halvings."""
     ready = _ready(cases)
     latest = _run(ready, threads, progress)
     apart = np.full(len(cases), math.inf)
@@ -141,7 +198,7 @@ def run_many_halved(
 
 
 def the_one(results: Sequence[_Result | RigtwinError]) -> _Result:
-    """The only result, or the error that stands in its place, raised."""
+    """Return the only result; if it is an error, raise it."""
     (result,) = results
     if isinstance(result, RigtwinError):
         raise result
@@ -153,7 +210,7 @@ def the_one(results: Sequence[_Result | RigtwinError]) -> _Result:
 
 @dataclass(frozen=True)
 class _Ready:
-    """A case that was looked through, ready for the bench."""
+    """A checked case, converted to numbers."""
 
     copy: Copy
     mechanics: Mechanics
@@ -161,7 +218,7 @@ class _Ready:
 
     @property
     def alike(self) -> tuple[tuple[Effect, ...], Mechanics]:
-        """What those that run in one launch have in common: one kernel is compiled for it."""
+        """Key of the cases that can share a launch, and so a compiled kernel."""
         return tuple(one.effect for one in self.copy.effects), self.mechanics
 
     def halved(self, times: int) -> "_Ready":
@@ -171,7 +228,7 @@ class _Ready:
 
 
 def _run(ready: Sequence[_Ready], threads: int | None, progress: Progress) -> list[Motion | RigtwinError]:
-    """One launch after the other until all are done, the cases of one kernel together."""
+    """Run all cases, grouped by kernel."""
     if threads is not None and threads < 1:
         raise BadInput(f"threads: {threads} is too few; give at least 1.")
     threads = threads or backend.running().threads
@@ -197,7 +254,7 @@ def _motion(ready: _Ready, outcome: Outcome) -> Motion | RigtwinError:
     if outcome.culprit >= 0:
         return SimulationFailed(
             f"{ready.prefix}The simulation broke down at t = {outcome.time:.6g} s (body {outcome.culprit}): "
-            "its speed is above 1000 km/s or no number; use a smaller step."
+            "its speed is above 1000 km/s or not a number; use a smaller step."
         )
     data = outcome.samples
     return Motion(ready.copy.times, data[:, :, 0:3], data[:, :, 3:6], data[:, :, 6:9], outcome.steps)
@@ -268,7 +325,7 @@ def _pair_rows(case: Case) -> Array:
 
 
 def _walls(case: Case, kinds: Sequence[Particle]) -> WallTable:
-    """The table of the walls without the rows that it keeps free for more."""
+    """Table of the walls without its spare rows."""
     everywhere = np.full(3, -few_step.ENDLESS), np.full(3, few_step.ENDLESS)
     given = [(wall,) * len(kinds) for wall in case.walls]
     table = wall_table(given, kinds, skin=0.0, domain=everywhere, impact_speed=case.impact_speed)
@@ -285,15 +342,17 @@ def _check(
 ) -> None:
     if not 1 <= len(bodies) <= BODIES:
         raise BadInput(
-            f"bodies: {len(bodies)} were given; this path moves 1 to {BODIES}, use the bulk engine for more."
+            f"bodies: {len(bodies)} were given; this engine takes 1 to {BODIES}, use the bulk engine for more."
         )
     if (count := sum(len(wall.shape.rows) for wall in walls)) > ELEMENTS:
         raise BadInput(
-            f"walls: they are made of {count} parts; this path takes {ELEMENTS}, use the bulk engine for larger meshes."
+            f"walls: they have {count} parts; this engine takes {ELEMENTS}, use the bulk engine for larger meshes."
         )
     for body in bodies:
         if body.particle.shape is not None:
-            raise BadInput(f"{body.particle.name} is a clump; this twin moves single spheres, name a sphere instead.")
+            raise BadInput(
+                f"{body.particle.name} is a clump; this simulation takes single spheres only, name a sphere instead."
+            )
     if len(times) == 0 or times[0] < 0 or not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0):
         raise BadInput("times: must be finite, rise, and start at or after 0 s.")
     state = np.array([[*b.position, *b.velocity, *b.spin, *(b.pivot or ())][:9] for b in bodies])
@@ -301,7 +360,7 @@ def _check(
         bad = int(np.flatnonzero(~np.isfinite(state).all(axis=1))[0])
         raise BadInput(f"body {bad}: its position, velocity or spin is not a finite number.")
     centres, radii = state[:, :3], np.array([b.particle.radius for b in bodies])
-    tolerance = 1e-3 * radii  # hanging beads touch; a thousandth of a radius is no blunder
+    tolerance = 1e-3 * radii  # suspended beads touch, so an overlap of 1/1000 of a radius is not an input error
     for wall in walls:
         gap = gaps(wall.shape, wall.motion.undone(centres, 0.0) if wall.motion else centres, radii)
         if np.any(gap < -tolerance):

@@ -1,4 +1,4 @@
-"""A step of a few bodies: what they feel, where it brings them, and how long the next may be."""
+"""Time step of a few bodies: forces, integration, and length of the next step."""
 
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.contact import DAMPING, LAW_SIZE, STIFFNESS, braked, constants_of_two, contact_forces
@@ -12,19 +12,18 @@ RESTING_SPEED = 1e-8  # [m/s]
 RESTING_ACCELERATION = 1e-4  # [m/s^2]
 SAMPLE_SIZE = 9  # position, velocity, spin
 
-# columns of a copy's clock: time, step in contact, longest step, how long the next may be, steps made (-1: forces are
-# not known yet), gravity 3, how fast it turns about y
+# columns of a copy's clock: time, step in contact, longest step, limit of the next step, number of steps (-1: forces
+# not computed yet), gravity 3, rate of its rotation about y
 TIME, STEP, LONGEST, AHEAD, STEPS, GRAVITY, TURNS = 0, 1, 2, 3, 4, 5, 8
 CLOCK = 9
-# columns of a copy's counts: its first body and how many, walls likewise, its first pair, whether a wall changes, the
-# sample that is next and how many are still to be taken, the row for the next sample, and the body whose motion is no
-# finite number any more (-1: none)
+# columns of a copy's counts: first body and number of bodies, walls likewise, first pair, whether a wall changes, next
+# sample and number of samples left, row of the next sample, and the body whose velocity is not finite (-1: none)
 BODY, BODIES, WALL, WALLS, PAIR, CHANGES, SAMPLE, LEFT, ROW, CULPRIT = range(10)
 COUNTS = 10
 
 
 class Steps:
-    """The part of a bench that moves a copy: its bodies, its pairs and the walls near them."""
+    """Part of a bench that integrates a copy: its bodies, pairs and near walls."""
 
     walls: WallContacts
 
@@ -35,7 +34,7 @@ class Steps:
         self.spin = ti.Vector.field(3, ti.f64, bodies)
         self.push = ti.Vector.field(3, ti.f64, bodies)  # acceleration
         self.twist = ti.Vector.field(3, ti.f64, bodies)  # angular acceleration
-        self.brake = ti.field(ti.f64, bodies)  # [rad/s^2], against the spin, by rolling resistance of type A
+        self.brake = ti.field(ti.f64, bodies)  # [rad/s^2], limit of the deceleration by rolling resistance of type A
         self.half = ti.Vector.field(3, ti.f64, bodies)  # velocity at the middle of the step
         self.half_spin = ti.Vector.field(3, ti.f64, bodies)
         self.body = ti.Vector.field(3, ti.f64, bodies)  # radius, mass, inertia
@@ -46,11 +45,11 @@ class Steps:
         self.pair_law = ti.Vector.field(LAW_SIZE, ti.f64, pairs)
         self.pair_meets = ti.field(ti.i32, pairs)
         if terms.act_on_contacts:
-            self.impact = ti.field(ti.f64, pairs)  # DAMPING of this impact; negative: apart
+            self.impact = ti.field(ti.f64, pairs)  # DAMPING of the present impact; negative: no contact
 
     @ti.func
     def forces(self, c, begin, end, first_pair, step, longest, pull, mechanics: ti.template()):
-        """Accelerations here, from the velocities of mid-step; the smallest time to a contact, 0 in contact."""
+        """Accelerations from positions and mid-step velocities; returns the least time to a contact, 0 in contact."""
         clear = longest
         slack = pull.norm() * longest
         for i in range(begin, end):
@@ -114,7 +113,7 @@ class Steps:
 
     @ti.func
     def push_on_body(self, c, i, step, pull):
-        """Gravity and what effects add to it."""
+        """Acceleration by gravity and by effects away from contacts."""
         push = pull
         if ti.static(self.terms.act_on_bodies):
             push += self.push_of_terms(c, i, step, pull)
@@ -122,7 +121,7 @@ class Steps:
 
     @ti.func
     def push_of_terms(self, c, i, step, gravity):
-        """Acceleration by what acts on a body away from contacts; `push` still holds the last step's."""
+        """Acceleration by effects away from contacts; `push` still holds the value of the last step."""
         radius, mass = self.body[i][0], self.body[i][1]
         velocity = self.half[i] + 0.5 * step * self.push[i]
         push = ti.Vector([0.0, 0.0, 0.0])
@@ -147,7 +146,7 @@ class Steps:
 
     @ti.func
     def cling(self, c, p, i, j, overlap, between, longest):
-        """The longest step while effects act on this contact: none; they remember how it began, and may pull."""
+        """Forces of effects in this contact; returns the limit of the step: 0 while an effect acts, else `longest`."""
         clear = longest
         if ti.static(self.terms.act_on_contacts):
             normal = between / between.norm()
@@ -172,13 +171,13 @@ class Steps:
 
     @ti.func
     def turned_about_y(self, vector, angle):
-        """From z towards x."""
+        """Rotate `vector` about y, from z towards x."""
         cosine, sine = ti.cos(angle), ti.sin(angle)
         return ti.Vector([vector[0] * cosine + vector[2] * sine, vector[1], vector[2] * cosine - vector[0] * sine])
 
     @ti.func
     def drift(self, i, h, mechanics: ti.template()):
-        """Positions to the end of the step, velocities to its middle; a thread keeps its length (RATTLE)."""
+        """Advance positions to the end of the step and velocities to its middle; threads keep their length (RATTLE)."""
         before = self.position[i]
         middle = self.velocity[i] + 0.5 * h * self.push[i]
         after = before + h * middle
@@ -198,7 +197,7 @@ class Steps:
 
     @ti.func
     def turned_on(self, i, spin, time, mechanics: ti.template()):
-        """The spin of body `i` a `time` later."""
+        """Spin of body `i` after a `time` [s]."""
         later = spin + time * self.twist[i]
         if ti.static(mechanics.holds):
             later = braked(later, time * self.brake[i])
@@ -229,7 +228,7 @@ class Steps:
         self, c, budget, clock: ti.template(), counts: ti.template(), times: ti.template(), samples: ti.template(),
         mechanics: ti.template(),
     ):  # fmt: skip
-        """Up to `budget` steps of one copy, or until all samples are taken."""
+        """Advance one copy by up to `budget` steps, or until all samples are taken."""
         begin, first_wall, first_pair = counts[c, BODY], counts[c, WALL], counts[c, PAIR]
         end, last_wall, changes = begin + counts[c, BODIES], first_wall + counts[c, WALLS], counts[c, CHANGES]
         sample, awaited, row = counts[c, SAMPLE], counts[c, LEFT], counts[c, ROW]
@@ -265,7 +264,7 @@ class Steps:
             steps += 1.0
             left -= 1
             while awaited > 0 and culprit < 0 and (now >= wanted - 1e-14 or still):
-                # what rests, under its own weight and without force, rests for good
+                # bodies without velocity and acceleration stay at rest, so the remaining samples are equal
                 self.take_sample(samples, row, begin, end)
                 row += end - begin
                 awaited -= 1

@@ -1,7 +1,7 @@
-"""What walls are made of: planes, surfaces of revolution and triangles, each reduced to its nearest point.
+"""Elements of walls: planes, surfaces of revolution and triangles, and the nearest point of each.
 
-Every wall is a list of elements, a table of numbers.  A disc, an annulus, a tube and a cone are all the surface that
-a straight line makes when it turns about an axis; plates, boxes and meshes are triangles.
+Every wall is a list of elements, stored as rows of numbers.  Disc, annulus, tube and cone are surfaces of revolution of
+a straight line; plates, boxes and meshes consist of triangles.
 """
 
 import math
@@ -22,17 +22,17 @@ ELEMENT_SIZE = 11
 
 
 def plane(point: Vector, normal: Vector) -> Array:
-    """The row of a plane, shape (1, 11)."""
+    """Row of a plane, shape (1, 11)."""
     return np.array([[PLANE, 0, *point, *normal, 0, 0, 0]], dtype=np.float64)
 
 
 def revolved(point: Vector, axis: Vector, radii: tuple[float, float], height: float) -> Array:
-    """The row of a surface of revolution, shape (1, 11)."""
+    """Row of a surface of revolution, shape (1, 11)."""
     return np.array([[ROUND, 0, *point, *axis, *radii, height]], dtype=np.float64)
 
 
 def triangles(corners: Array) -> Array:
-    """The rows of triangles with `corners` of shape (n, 3, 3), shape (n, 11)."""
+    """Rows of triangles, shape (n, 11), from `corners` [m], shape (n, 3, 3)."""
     rows = np.zeros((len(corners), ELEMENT_SIZE))
     rows[:, KIND] = TRIANGLE
     rows[:, POINT:] = corners.reshape(-1, 9)
@@ -75,7 +75,7 @@ def towards_element(table, e, position):
             part = ti.min(ti.max(part, 0.0), 1.0)
             out = low + part * wider - reach
             up = part * height - along
-            # a point on the axis is as far from the whole ring: the sideways parts cancel
+            # a point on the axis has the same distance to the whole ring, so the radial parts cancel
             distance = ti.sqrt(out * out + up * up)
             direction = (out / ti.max(reach, 1e-30) * outward + up * axis) / ti.max(distance, 1e-30)
     return distance, direction
@@ -83,13 +83,13 @@ def towards_element(table, e, position):
 
 @ti.func
 def towards_triangle(table, e, position):
-    """From a point to the nearest point of triangle `e`."""
+    """Vector from a point to the nearest point of triangle `e`."""
     a = ti.Vector([table[e, CORNERS[0]], table[e, CORNERS[0] + 1], table[e, CORNERS[0] + 2]])
     b = ti.Vector([table[e, CORNERS[1]], table[e, CORNERS[1] + 1], table[e, CORNERS[1] + 2]])
     c = ti.Vector([table[e, CORNERS[2]], table[e, CORNERS[2] + 1], table[e, CORNERS[2] + 2]])
     normal = (b - a).cross(c - a)
     square = normal.norm_sqr()
-    # twice the area, with sign, of the triangles that the point makes with the sides, over that of the whole
+    # signed double areas of the triangles of the point with two sides, times the length of the normal
     at_b = (position - a).cross(c - a).dot(normal)
     at_c = (b - a).cross(position - a).dot(normal)
     nearest = (a - position).dot(normal) / square * normal
@@ -111,7 +111,7 @@ def towards_triangle(table, e, position):
 
 
 def unit(vector: Vector) -> Vector:
-    """The vector at length one."""
+    """The vector scaled to unit length."""
     length = math.sqrt(sum(c * c for c in vector))
     x, y, z = (c / length for c in vector)
     return x, y, z

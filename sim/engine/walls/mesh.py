@@ -1,4 +1,4 @@
-"""Walls made of triangles: read from a mesh file, checked, and sorted into cells so that a bead meets only those near.
+"""Walls of triangles: read from a mesh file, checked, and sorted into cells so that a bead tests only near ones.
 
 ::
 
@@ -22,18 +22,18 @@ from rigtwin.sim.engine.walls import elements
 Whole = npt.NDArray[np.int32]
 
 MOST_CELLS = 32_768
-ALONE = 32  # as few triangles as these are all looked at
-CHUNK = 200_000  # pairs of a point and a triangle worked on together
-LEAST_HEIGHT = 1e-9  # of a triangle, in units of its longest side; flatter ones are what their neighbours' edges are
+ALONE = 32  # up to this number all triangles are tested, without cells
+CHUNK = 200_000  # pairs of a point and a triangle processed at a time
+LEAST_HEIGHT = 1e-9  # height over longest side; flatter triangles coincide with edges of their neighbours
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A surface of triangles, touched on either face, on edges and corners; neighbours make one surface."""
+    """A surface of triangles, with contact on either face, on edges and corners; neighbours form one surface."""
 
     corners: Array  # [m], shape (n, 3 corners, 3)
     closed: bool = False  # whether it must enclose a volume
-    name: str = "mesh"  # for what is said of it
+    name: str = "mesh"  # in messages
 
     def __post_init__(self) -> None:
         corners = np.ascontiguousarray(self.corners, dtype=np.float64)
@@ -51,12 +51,12 @@ class Mesh:
         if self.closed and (open_edges := _open_edges(corners)):
             raise BadInput(
                 f"{self.name}: the mesh must be closed, but {open_edges} of its edges do not belong to two triangles; "
-                "repair it, or say that it is open."
+                "repair it, or declare it open."
             )
 
     @classmethod
     def read(cls, path: Path, *, metres_per_unit: float, closed: bool = False) -> Mesh:
-        """A mesh from an STL, OBJ or PLY file, whose lengths are in units of `metres_per_unit` [m]."""
+        """Read a mesh from an STL, OBJ or PLY file with lengths in units of `metres_per_unit` [m]."""
         import trimesh
 
         if not (np.isfinite(metres_per_unit) and metres_per_unit > 0):
@@ -75,7 +75,7 @@ class Mesh:
 
 
 def _open_edges(corners: Array) -> int:
-    """How many edges do not have exactly two triangles; corners closer than a millionth of the mesh are one."""
+    """Number of edges that do not belong to exactly two triangles; corners within 1e-6 of the mesh size are merged."""
     flat = corners.reshape(-1, 3)
     size = np.ptp(flat, axis=0).max()
     _points, number = np.unique(np.round((flat - flat.min(0)) / (1e-6 * size)), axis=0, return_inverse=True)
@@ -88,16 +88,16 @@ def _open_edges(corners: Array) -> int:
 
 @dataclass(frozen=True)
 class Cells:
-    """Which triangles may be within reach of a point in each cell of a grid."""
+    """Triangles that may be within reach of a point, for each cell of a grid."""
 
     low: Array  # [m], corner of the grid
     size: float  # [m], of a cell
     shape: tuple[int, int, int]
-    first: Whole  # of the items of a cell, one more than there are cells
+    first: Whole  # first item of each cell, and the end of the last one
     items: Whole  # triangles
 
     def of(self, points: Array) -> npt.NDArray[np.int64]:
-        """Number of the cell of each point, -1 outside the grid."""
+        """Index of the cell of each point; -1 outside the grid."""
         place = np.floor((points - self.low) / self.size).astype(np.int64)
         inside = ((place >= 0) & (place < self.shape)).all(1)
         number = (place[:, 2] * self.shape[1] + place[:, 1]) * self.shape[0] + place[:, 0]
@@ -105,7 +105,7 @@ class Cells:
 
 
 def sort_into_cells(corners: Array, reach: float) -> Cells:
-    """Cells that name every triangle closer than `reach` [m] to any point in them."""
+    """Cells that list every triangle within `reach` [m] of any point in them."""
     low = corners.min((0, 1)) - reach
     extent = corners.max((0, 1)) + reach - low
     size = 2 * reach
@@ -124,7 +124,7 @@ def sort_into_cells(corners: Array, reach: float) -> Cells:
 
 
 def _neighbourhoods(corners: Array, low: Array, size: float, shape: Array, reach: float) -> Iterator[Array]:
-    """Rows (triangle, x, y, z) of all cells that a triangle's box touches, in chunks."""
+    """Rows (triangle, x, y, z) of all cells that the bounding box of a triangle touches, in chunks."""
     begin = np.clip(np.floor((corners.min(1) - reach - low) / size), 0, shape - 1).astype(np.int64)
     end = np.clip(np.floor((corners.max(1) + reach - low) / size), 0, shape - 1).astype(np.int64)
     across = end - begin + 1
@@ -140,18 +140,18 @@ def _neighbourhoods(corners: Array, low: Array, size: float, shape: Array, reach
 
 
 def _close(corners: Array, pairs: Array, low: Array, size: float, reach: float) -> npt.NDArray[np.bool_]:
-    """Whether any point of the cell may be within reach of the triangle."""
+    """Whether a point of the cell may be within reach of the triangle."""
     centres = low + (pairs[:, 1:] + 0.5) * size
     return np.asarray(distances(corners[pairs[:, 0]], centres) <= reach + 0.5 * np.sqrt(3) * size)
 
 
 def distances(corners: Array, points: Array) -> Array:
-    """Distance [m] of each point from the triangle of the same row."""
+    """Distance [m] of each point from the triangle in the same row."""
     sides, out = np.roll(corners, -1, axis=1) - corners, points[:, None] - corners
     part = np.clip((out * sides).sum(2) / np.maximum((sides**2).sum(2), 1e-300), 0, 1)
     to_edges = np.linalg.norm(out - part[..., None] * sides, axis=2).min(1)
     normal = np.cross(sides[:, 0], sides[:, 1])
-    above = (np.cross(sides, out) * normal[:, None]).sum(2).min(1) >= 0  # of the face, not beyond an edge
+    above = (np.cross(sides, out) * normal[:, None]).sum(2).min(1) >= 0  # above the face, not beyond an edge
     to_plane = np.abs((out[:, 0] * normal).sum(1)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
     return np.asarray(np.where(above, to_plane, to_edges))
 

@@ -1,4 +1,4 @@
-"""Walls: their shapes, what they are made of, and how they move.
+"""Walls: shapes, materials and motions.
 
 ::
 
@@ -24,7 +24,7 @@ from rigtwin.sim.engine.walls.mesh import Mesh, least_distances
 
 @dataclass(frozen=True)
 class Plane:
-    """An infinite plane; beads live on the side that `normal` points to, however deep they are pushed."""
+    """An infinite plane; beads are on the side to which `normal` points, whatever their overlap."""
 
     point: Vector  # [m]
     normal: Vector
@@ -36,7 +36,7 @@ class Plane:
 
 @dataclass(frozen=True)
 class Disc:
-    """A thin round plate with an edge; beads may touch either face or the edge."""
+    """A thin round plate; beads may touch either face or the edge."""
 
     centre: Vector  # [m]
     normal: Vector
@@ -69,7 +69,7 @@ class Annulus:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A thin tube wall from `centre` along `axis`, touched on any side; a short one is a rim."""
+    """A thin tube from `centre` along `axis`, with contact on both sides; a short one is a rim."""
 
     centre: Vector  # [m], of the lower opening
     axis: Vector
@@ -84,7 +84,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Cone:
-    """A thin conical wall, open at both ends: a funnel; a radius of zero at one end makes its tip."""
+    """A thin conical wall, open at both ends (a funnel); a radius of zero at one end gives a tip."""
 
     centre: Vector  # [m], of the end with `radius`
     axis: Vector
@@ -105,7 +105,7 @@ class Cone:
 
 @dataclass(frozen=True)
 class Plate:
-    """A thin flat plate: a parallelogram, a rectangle where its sides are at right angles."""
+    """A thin flat plate: a parallelogram, or a rectangle if its sides are perpendicular."""
 
     corner: Vector  # [m]
     side: Vector  # [m], from the corner to the next one
@@ -127,11 +127,11 @@ class Plate:
 
 @dataclass(frozen=True)
 class SlotPlate:
-    """A level rectangular plate with a rectangular opening around its middle."""
+    """A horizontal rectangular plate with a rectangular opening in its middle."""
 
     centre: Vector  # [m]
     size: tuple[float, float]  # [m], along x and y
-    opening: tuple[float, float]  # [m], along x and y; as long as the plate: a slot from edge to edge
+    opening: tuple[float, float]  # [m], along x and y; if as long as the plate, a slot from edge to edge
 
     @property
     def corners(self) -> Array:
@@ -156,7 +156,7 @@ class SlotPlate:
 
 @dataclass(frozen=True)
 class Box:
-    """Six thin plates, touched from inside and outside; `open_top` leaves out the upper one."""
+    """Six thin plates, with contact inside and outside; `open_top` omits the upper one."""
 
     low: Vector  # [m]
     high: Vector  # [m]
@@ -184,9 +184,9 @@ Shape = Plane | Disc | Annulus | Cylinder | Cone | Plate | SlotPlate | Box | Mes
 
 @dataclass(frozen=True)
 class Motion:
-    """How a wall moves, in closed form: at rest before `start` and after `stop`, in between it slides and turns.
+    """Motion of a wall in closed form: translation and rotation between `start` and `stop`, at rest otherwise.
 
-    The axis goes along with the sliding.  `in_place`: the surface runs, the shape stays where it is, as a belt does.
+    The axis moves with the translation.  `in_place`: the surface moves but the shape stays, as of a conveyor belt.
     """
 
     velocity: Vector = (0.0, 0.0, 0.0)  # [m/s]
@@ -212,15 +212,15 @@ class Motion:
         return cls(spin=rpm * math.pi / 30, axis=axis, point=point, start=start, stop=stop)
 
     def lasted(self, time: float) -> float:
-        """How long [s] the wall has been moving at `time` [s]."""
+        """Duration [s] of the motion until `time` [s]."""
         return min(max(time - self.start, 0.0), self.stop - self.start)
 
     def moved_by(self, time: float) -> bool:
-        """Whether the wall is in another place at `time` [s] than it was at first."""
+        """Whether the wall has left its initial position at `time` [s]."""
         return not self.in_place and self.lasted(time) > 0 and (self.spin != 0 or any(self.velocity))
 
     def undone(self, points: Array, time: float) -> Array:
-        """Where points [m], shape (n, 3), would be had the wall and they not moved."""
+        """Points [m], shape (n, 3), moved back with the wall from `time` [s] to its initial position."""
         if self.in_place:
             return points
         lasted = self.lasted(time)
@@ -229,7 +229,7 @@ class Motion:
         return np.asarray(relative @ self.turned(time) + pivot)
 
     def done(self, points: Array, time: float) -> Array:
-        """Where points [m], shape (n, 3), of the wall are at `time` [s]."""
+        """Positions [m] at `time` [s] of points of the wall, shape (n, 3)."""
         if self.in_place:
             return points
         pivot = np.array(self.point)
@@ -237,7 +237,7 @@ class Motion:
         return np.asarray(moved + self.lasted(time) * np.array(self.velocity))
 
     def turned(self, time: float) -> Array:
-        """The rotation at `time` [s], shape (3, 3)."""
+        """Rotation matrix at `time` [s], shape (3, 3)."""
         x, y, z = _unit(self.axis)
         angle = self.spin * self.lasted(time)
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -246,7 +246,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Wall:
-    """A shape, what it is made of, how beads touch it, and how it moves; from `until` [s] on it is gone."""
+    """A wall: shape, material, contact and motion; it is removed at `until` [s]."""
 
     shape: Shape
     material: Material
@@ -258,7 +258,7 @@ class Wall:
 def gaps(shape: Shape, centres: Array, radii: Array) -> Array:
     """Gap [m] between the wall and spheres, shape (n,); negative where they overlap.
 
-    Where the wall has triangles, a gap of more than the largest radius is infinite.
+    For walls of triangles, gaps above the largest radius are returned as infinite.
     """
     rows = shape.rows
     flat = rows[:, elements.KIND] == elements.TRIANGLE
@@ -272,9 +272,9 @@ def gaps(shape: Shape, centres: Array, radii: Array) -> Array:
 
 
 def wandering(shape: Shape, motion: Motion, domain: tuple[Array, Array]) -> float:
-    """A speed [m/s] that no point of the wall surpasses in leaving the surface that the wall is now.
+    """Upper bound [m/s] of the speed at which points of the wall leave its present surface.
 
-    Zero where the shape stays what it is: a drum that turns about its axis, a plane that slides along itself.
+    Zero if the motion does not change the surface: a drum rotating about its axis, a plane sliding along itself.
     """
     if motion.in_place:
         return 0.0

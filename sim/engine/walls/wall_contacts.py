@@ -1,13 +1,13 @@
-"""Contacts of beads with walls, still or moving: which of them hold, their history, and their forces.
+"""Contacts of beads with walls at rest or in motion: selection of contact points, histories and forces.
 
-A bead near an edge overlaps several elements of what is one surface.  A contact point counts only if it stands out of
-the tangent plane of every nearer contact: behind that plane lies the same surface going on (a coplanar neighbour, the
-other side of a convex edge, a wall behind a wall), in front of it another surface (a corner).  So a face goes before
-its edges and an edge before its ends, whatever the elements are, and a contact that takes another's place takes over
-its history.
+A bead near an edge overlaps several elements of the same surface.  A contact point counts only if it lies in front of
+the tangent plane of every nearer contact point.  A point behind that plane belongs to the continuation of the same
+surface (a coplanar neighbour, the other side of a convex edge, a wall behind a wall); a point in front belongs to
+another surface (a corner).  A face thus takes precedence over its edges, and an edge over its ends, for all kinds of
+elements.  A contact that replaces another one takes over its history.
 
-Walls move in closed form: their place follows from the time alone, so that nothing drifts and a run can be taken up
-anywhere.
+Walls move in closed form: their positions follow from the time alone, so that errors do not accumulate and a run can be
+resumed at any time.
 """
 
 from rigtwin.lab.arrays import Array
@@ -44,16 +44,16 @@ from rigtwin.sim.engine.walls.wall_table import (
     WallTable,
 )
 
-THREADS = 64  # that may work on one simulation
-SAME = 1e-6  # of a radius; what stands out less is the same surface
+THREADS = 64  # largest number of threads of one simulation
+SAME = 1e-6  # [radii]; a point in front of the tangent plane by less belongs to the same surface
 
 GONE, STILL, MOVES = range(3)  # states of a wall
-APART, HOLDS, BEHIND = range(3)  # marks of a contact; BEHIND + q: it is the same surface as contact q
+APART, HOLDS, BEHIND = range(3)  # marks of a contact; BEHIND + q: same surface as contact q
 
 
 @ti.data_oriented
 class WallContacts:
-    """The walls near each of up to `capacity` beads, `near_capacity` entries in all, in two lists by turns."""
+    """Walls near each of up to `capacity` beads, `near_capacity` entries in total, in two alternating lists."""
 
     def __init__(
         self, capacity: int, near_capacity: int, room: int, terms: Terms, walls: int = WALLS, threads: int = THREADS
@@ -70,13 +70,13 @@ class WallContacts:
         self.law = ti.Vector.field(LAW_SIZE, ti.f64, (KINDS, walls))
         self.constants = ti.Vector.field(CONSTANTS, ti.f64, walls)  # of a contact of the first kind of spheres
 
-        # where the walls are in this step; each thread works it out for itself and need not wait for another
+        # positions of the walls in this step; each thread computes its own, so that none has to wait for another
         self.state = ti.field(ti.i32, (threads, walls))
         self.turned = ti.Matrix.field(3, 3, ti.f64, (threads, walls))
         self.pivot = ti.Vector.field(3, ti.f64, (threads, walls))
         self.velocity = ti.Vector.field(3, ti.f64, (threads, walls))
         self.spin = ti.Vector.field(3, ti.f64, (threads, walls))
-        self.listed_at = ti.field(ti.f64, walls)  # how long each had moved when the list was made
+        self.listed_at = ti.field(ti.f64, walls)  # duration of the motion of each wall when the list was built
 
         self.first = ti.field(ti.i32, (2, capacity + 1))  # first entry of a bead
         self.near = ti.field(ti.i32, (2, near_capacity))  # element
@@ -84,16 +84,16 @@ class WallContacts:
         self.slip = ti.Vector.field(3, ti.f64, (2, near_capacity))
         self.roll = ti.Vector.field(3, ti.f64, (2, near_capacity))
         if terms.copies > 1:
-            self.copy = ti.field(ti.i32, walls)  # of the simulation that a wall is part of
+            self.copy = ti.field(ti.i32, walls)  # copy of the simulation to which a wall belongs
         if terms.changes_restitution:
-            self.impact = ti.field(ti.f64, (2, near_capacity))  # DAMPING of this impact
+            self.impact = ti.field(ti.f64, (2, near_capacity))  # DAMPING of the present impact
         self.facing = ti.Vector.field(4, ti.f64, near_capacity)  # direction to the wall's nearest point, distance
         self.mark = ti.field(ti.i32, near_capacity)
         self.work = ti.field(ti.f64, capacity)  # [J], done by moving walls on the beads of this slot
-        self.work_before = ti.field(ti.f64, ())  # [J], until the list was made
+        self.work_before = ti.field(ti.f64, ())  # [J], before the last list build
 
     def load(self, table: WallTable, sizes: Array, step: float, linear: bool) -> None:
-        """Take the walls of a simulation; nothing is near them yet.
+        """Load the walls of a simulation, with empty lists.
 
         `sizes` are those of the first kind of spheres (columns as in SIZES_OF_KIND), `step` [s] is the time step.
         """
@@ -154,8 +154,9 @@ class WallContacts:
 
     @ti.func
     def pose(self, thread, walls, time, step, leeway):
-        """Put the walls where they are at `time`, for one thread; 1 when one left the place it was listed at by more
-        than `leeway`.
+        """Set the walls to their positions at `time`, for one thread.
+
+        Returns 1 if a wall has moved by more than `leeway` [m] since the list was built.
         """
         strayed = 0
         for w in range(walls):
@@ -173,7 +174,7 @@ class WallContacts:
         if velocity.norm_sqr() + spin.norm_sqr() > 0.0:
             self.state[thread, w] = MOVES
             lasted = self.time_moving(w, time)
-            # velocities are those of mid-step
+            # mid-step velocities
             since = time - 0.5 * step - self.motion[w, START]
             if since > 0.0 and since < self.motion[w, LASTS]:
                 self.velocity[thread, w] = velocity
@@ -194,7 +195,7 @@ class WallContacts:
 
     @ti.func
     def copy_of(self, w):
-        """Which of the simulations that run side by side wall `w` is part of."""
+        """Copy of the simulation to which wall `w` belongs."""
         copy = 0
         if ti.static(self.terms.copies > 1):
             copy = self.copy[w]
@@ -202,7 +203,7 @@ class WallContacts:
 
     @ti.func
     def before_it_moved(self, thread, w, position):
-        """A place as seen from the wall."""
+        """A position moved back with the wall to the wall's initial position."""
         there = position
         if self.state[thread, w] == MOVES:
             relative = position - self.pivot[thread, w]
@@ -213,7 +214,7 @@ class WallContacts:
 
     @ti.func
     def note_listing(self, walls, time, beads):
-        """The lists are made now: where the walls are, and what they have done until now."""
+        """Record the positions of the walls, and their work so far, at a list build."""
         for w in range(walls):
             self.listed_at[w] = self.time_moving(w, time)
         for i in range(beads):
@@ -222,9 +223,9 @@ class WallContacts:
 
     @ti.func
     def list_bead(self, live, a, i, listed, places, position, reach, leeway, walls):
-        """List what is near bead `i`, which is `a` in the next list, history carried over; the next free place.
+        """List the elements near bead `i`, which is `a` in the next list, with histories; returns the next free entry.
 
-        `places`: the first free place, and the end of those that may be used.
+        `places`: first free entry, and end of the entries that may be used.
         """
         following = 1 - live
         found, end = ti.static(places)
@@ -274,7 +275,7 @@ class WallContacts:
 
     @ti.func
     def move_entry(self, following, old, new):
-        """Bring an entry of the next list to another place."""
+        """Move an entry of the next list."""
         self.near[following, new] = self.near[following, old]
         self.touching[following, new] = self.touching[following, old]
         self.slip[following, new] = self.slip[following, old]
@@ -286,7 +287,7 @@ class WallContacts:
 
     @ti.func
     def face(self, thread, live, i, position, radius):
-        """Mark which contacts of bead `i` hold; how many it has or had a step ago."""
+        """Mark the contacts of bead `i` that hold; returns the number of present and previous ones."""
         meets = 0
         for q in range(self.first[live, i], self.first[live, i + 1]):
             e = self.near[live, q]
@@ -310,7 +311,7 @@ class WallContacts:
 
     @ti.func
     def tell_apart(self, live, i, radius):
-        """Leave out the contacts that do not stand out of the tangent plane of a nearer one."""
+        """Discard contacts that do not lie in front of the tangent plane of a nearer one."""
         for q in range(self.first[live, i], self.first[live, i + 1]):
             if self.mark[q] == HOLDS or self.touching[live, q] == 1:
                 one = self.facing[q]
@@ -324,7 +325,7 @@ class WallContacts:
 
     @ti.func
     def hand_over(self, live, i):
-        """Contacts that hold from now on take over the history of those that they stand for."""
+        """Copy the history of contacts to those that replace them on the same surface."""
         for q in range(self.first[live, i], self.first[live, i + 1]):
             if self.mark[q] >= BEHIND and self.touching[live, q] == 1:
                 heir = self.mark[q] - BEHIND
@@ -340,7 +341,7 @@ class WallContacts:
         self, thread, live, i, kind, position, velocity, turning, radius, mass, inertia, lever, step,
         alike: ti.template(), mechanics: ti.template(),
     ):  # fmt: skip
-        """Force of the walls on bead `i`, torque about its centre, grip of type A, and the deepest overlap."""
+        """Force of the walls on bead `i`, torque about its centre, grip of type A, and largest overlap."""
         force = ti.Vector([0.0, 0.0, 0.0])
         torque = ti.Vector([0.0, 0.0, 0.0])
         grip = 0.0
@@ -396,13 +397,13 @@ class WallContacts:
 
     @ti.func
     def carry(self, thread, w, point, normal, slip, roll, step):
-        """Velocity of wall `w` at `point` and its spin; slip and roll of a contact there, turned with the wall."""
+        """Velocity of wall `w` at `point` and its spin; slip and roll of a contact there, rotated with the wall."""
         surface, spin = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
         new_slip, new_roll = slip, roll
         if self.state[thread, w] == MOVES:
             spin = self.spin[thread, w]
             surface = self.velocity_at(thread, w, point)
-            # the history turns with the wall about the normal; about other axes it follows the normal
+            # the history rotates with the wall about the normal; for other axes it follows the normal
             twist = step * spin.dot(normal) * normal
             new_slip += twist.cross(slip)
             new_roll += twist.cross(roll)
@@ -410,12 +411,12 @@ class WallContacts:
 
     @ti.func
     def velocity_at(self, thread, w, point):
-        """Velocity of a wall that moves, at a point of it."""
+        """Velocity of a moving wall at one of its points."""
         return self.velocity[thread, w] + self.spin[thread, w].cross(point - self.pivot[thread, w])
 
     @ti.func
     def hold_neck(self, thread, live, q, i, kind, position, radius, step):
-        """Pull on bead `i` of a contact whose bodies part but still hold together."""
+        """Attractive force on bead `i` of a contact that has separated but is still held by adhesion."""
         w = int(self.elements[self.near[live, q], OF_WALL])
         modulus, copy = self.law[kind, w][STIFFNESS], self.copy_of(w)
         apart = self.facing[q][3] - radius
@@ -432,7 +433,7 @@ class WallContacts:
 
     @ti.func
     def gap(self, live, i, radius):
-        """Free way [m] of bead `i` to the nearest wall of its list, as last faced; far where there is none."""
+        """Gap [m] of bead `i` to the nearest wall of its list, at the last call of `face`; 1e9 without walls."""
         least = 1e9
         for q in range(self.first[live, i], self.first[live, i + 1]):
             least = ti.min(least, self.facing[q][3] - radius)
@@ -451,9 +452,9 @@ class WallContacts:
         time: ti.f64,
         step: ti.f64,
     ):
-        """Overlap of each entry of the list whose contact holds now, else zero; `beads` is place 3 and radius.
+        """Overlap of each entry of the list whose contact holds, else zero; `beads` has position 3 and radius.
 
-        Negative where the bead has parted from the wall but is still held.
+        Negative if the bead has separated from the wall but is still held by adhesion.
         """
         ti.loop_config(serialize=True)
         for _ in range(1):
@@ -471,7 +472,7 @@ class WallContacts:
 
     @ti.kernel
     def get_list(self, first: ti.types.ndarray(), entries: ti.types.ndarray(), live: ti.i32, beads: ti.i32):
-        """Read the list in force: first entry of each bead; per entry element, touching, slip 3, roll 3, wall."""
+        """Read the current list: first entry of each bead; per entry element, touching, slip 3, roll 3, wall."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             for i in range(beads + 1):
@@ -500,7 +501,7 @@ class WallContacts:
 
 @ti.func
 def rotation(axis, angle):
-    """Matrix that turns by `angle` [rad] about a unit vector."""
+    """Matrix of the rotation by `angle` [rad] about a unit vector."""
     s, c = ti.sin(angle), 1.0 - ti.cos(angle)
     x, y, z = axis[0], axis[1], axis[2]
     return ti.Matrix(

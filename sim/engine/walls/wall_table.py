@@ -1,4 +1,4 @@
-"""The walls of a simulation in numbers, as `WallContacts` takes them: elements, cells of meshes, motions, laws."""
+"""Tables of the walls of a simulation, as `WallContacts` takes them: elements, cells of meshes, motions, laws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ from rigtwin.sim.engine.walls.mesh import ALONE, sort_into_cells
 from rigtwin.sim.engine.walls.shapes import Motion, Shape, Wall, wandering
 
 KINDS, WALLS = 16, 64
-ROOM = 16_384  # elements; more make it eight times larger, so that few kernels are ever compiled
+ROOM = 16_384  # elements in the smallest table; larger ones grow by factors of 8, so that few kernels are compiled
 CELLS_PER_ELEMENT, ITEMS_PER_ELEMENT = 8, 32
 
-# columns of a table of motions: velocity 3, point 3, axis 3, spin, start, how long it lasts, when the wall is gone,
-# whether it moves in place, how fast it leaves its place at most
+# columns of a table of motions: velocity 3, point 3, axis 3, spin, start, duration, time of removal, whether it moves
+# in place, upper bound of the speed at which the surface moves
 VELOCITY, PIVOT, AXIS, SPIN, START, LASTS, UNTIL, IN_PLACE, WANDERS = 0, 3, 6, 9, 10, 11, 12, 13, 14
 MOTION_SIZE = 15
-FAR_OFF = 1e300  # [s], stands for never
+FAR_OFF = 1e300  # [s], means never
 
 
 @dataclass(frozen=True)
 class WallTable:
-    """The walls of a simulation in numbers."""
+    """Tables of the walls of a simulation."""
 
     elements: Array  # shape (n, 11)
     cell_first: npt.NDArray[np.int32]  # cells of all walls, one after the other
-    items: npt.NDArray[np.int32]  # elements
+    items: npt.NDArray[np.int32]  # elements listed in the cells
     grid: Array  # per wall: lower corner 3, cells per metre
     grid_shape: npt.NDArray[np.int32]  # per wall: cells along x, y, z, and the first one; zeros: a single cell
     motion: Array  # shape (walls, 15)
@@ -41,7 +41,7 @@ class WallTable:
 
     @cached_property
     def room(self) -> int:
-        """Elements that a `WallContacts` for these walls has room for."""
+        """Number of elements for which a `WallContacts` for these walls is allocated."""
         room = ROOM
         needs = (len(self.elements), len(self.cell_first) / CELLS_PER_ELEMENT, len(self.items) / ITEMS_PER_ELEMENT)
         while room < max(needs):
@@ -57,7 +57,7 @@ def wall_table(
     domain: tuple[Array, Array],
     impact_speed: float = IMPACT_SPEED,
 ) -> WallTable:
-    """The table of walls that are each given per kind of particle; lists are good for half a `skin` [m] of moving."""
+    """Tables of walls, each given per kind of particle; lists are valid for displacements of half a `skin` [m]."""
     if len(walls) > WALLS:
         raise BadInput(
             f"walls: {len(walls)} were given; at most {WALLS} are possible, but one may be a mesh of many parts."
@@ -100,7 +100,7 @@ def wall_table(
 
 
 def motion_row(moved: Shape, motion: Motion | None, until: float, domain: tuple[Array, Array]) -> tuple[float, ...]:
-    """The row of a table of motions."""
+    """Row of the table of motions."""
     motion = motion or Motion()
     lasts = min(motion.stop - motion.start, FAR_OFF)
     return (
@@ -110,7 +110,7 @@ def motion_row(moved: Shape, motion: Motion | None, until: float, domain: tuple[
 
 
 def motion_of(row: Array) -> Motion:
-    """The motion that a row stands for."""
+    """Motion from its row in the table."""
     x, y, z, a, b, c, u, v, w = map(float, row[VELOCITY:SPIN])
     spin, start, lasts = map(float, row[SPIN:UNTIL])
     return Motion((x, y, z), spin, (u, v, w), (a, b, c), start, start + lasts, bool(row[IN_PLACE]))
