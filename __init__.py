@@ -26,8 +26,9 @@ from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.2.0.dev0"
-__all__ = ["measure", "open_lab", "simulate"]
+from rigtwin.lab.version import __version__
+
+__all__ = ["__version__", "measure", "open_lab", "simulate"]
 
 if TYPE_CHECKING:
     from rigtwin.api import measure, open_lab, simulate

@@ -15,12 +15,12 @@ from typing import Annotated, Literal
 
 import typer
 
-from rigtwin import __version__
 from rigtwin.commands import measure, simulate
 from rigtwin.commands.display import print_json, show_comparison, show_diagnosis, show_reproduction
 from rigtwin.commands.options import Json, Out, Quiet, Runs, Seed, Stiffness, Threads, TimeStep, file_option, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
+from rigtwin.lab.version import __version__
 
 app = typer.Typer(
     name="rigtwin",

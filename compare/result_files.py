@@ -15,9 +15,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from rigtwin import __version__
 from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
 from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.version import __version__
 
 OBSERVATION_COLUMNS = (
     "experiment", "rig", "origin", "repetition", "quantity", "method", *IDENTITY, "view",

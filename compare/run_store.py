@@ -20,11 +20,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rigtwin import __version__
 from rigtwin.compare import result_files
 from rigtwin.compare.worker_processes import interrupts_held, spawned
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.version import __version__
 
 
 @dataclass(frozen=True)

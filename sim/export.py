@@ -6,10 +6,10 @@ import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rigtwin import __version__
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rolling_conventions import Arm, rolling_friction
+from rigtwin.lab.version import __version__
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling

@@ -15,7 +15,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from rigtwin import __version__
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.run_warnings import fit_for_a_lab
 from rigtwin.compare.twins.twin import Twin, stated
@@ -23,6 +22,7 @@ from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.version import __version__
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling

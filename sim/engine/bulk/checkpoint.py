@@ -16,8 +16,8 @@ from zipfile import BadZipFile
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin import __version__
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.version import __version__
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.bulk import table_layout as at
 from rigtwin.sim.engine.bulk.arena import Arena
