@@ -375,7 +375,7 @@ def unnamed(folder):
 def test_a_second_term_pays_for_the_shape_of_the_first_too(lifted, monkeypatch):
     monkeypatch.setattr(formula, "shapes", lambda *_: ())  # the second is one of a fixed form
     bench, naming = unnamed(lifted)
-    ground = formula._ground(bench, bench.lab, naming)
+    ground = formula._training(bench, bench.lab, naming)
     terms = (named("form:constant_sideways"),)
     first = formula.candidate(ground.naming, terms, fit(ground.bench, terms, near=ground.naming.base), cost=30.0)
     second = formula._with_second(ground, first)
@@ -393,7 +393,7 @@ def test_the_choice_of_a_formula_does_not_depend_on_held_out_data(tmp_path):
     chosen = []
     for folder in (one, other):
         bench, naming = unnamed(folder)
-        chosen.append(formula._chosen(formula._ground(bench, bench.lab, naming), silent))
+        chosen.append(formula._chosen(formula._training(bench, bench.lab, naming), silent))
     assert chosen[0].names == chosen[1].names == ("form:v_cross",)
     found = [one.fitted.value("form:v_cross.c") for one in chosen]
     assert found[0] == pytest.approx(found[1], rel=1e-2)  # the noise is estimated from all tracks

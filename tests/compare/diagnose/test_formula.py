@@ -130,13 +130,13 @@ def test_only_a_formula_that_closes_the_gap_on_held_out_data_is_reported(change,
     [
         ({"held_out_after": 2.5}, "no formula closes the gap on held-out repetitions"),
         ({"held_out_before": None, "held_out_after": None, "held_out_noise_floor": None}, "no condition has two"),
-        ({"held_out_before": 1.0, "held_out_after": 1.0}, "no gap in such"),
+        ({"held_out_before": 1.0, "held_out_after": 1.0}, "they show no gap"),
         (
             {"held_out_before": 1.0, "held_out_after": 1.2, "held_out_gain": 90.0},
             "widens the gap on held-out repetitions",
         ),
         ({"condition_after": 12.0}, "widens it in the held-out condition far"),
-        ({"condition_after": 7.9}, "closes any of it in far"),
+        ({"condition_after": 7.9}, "closes any of it in the held-out condition far"),
     ],
 )
 def test_a_formula_gives_the_reason_why_it_is_no_law(change, why):

@@ -92,7 +92,7 @@ def test_ours_stands_beside_the_paper(filled, tmp_path, capsys):
     assert score["no_further"] >= 1
     html = (tmp_path / "report.html").read_text()
     assert html.count("<tr>") == score["cells"] + 1
-    assert "without a rim no pile stands" in html
+    assert "without a rim no pile forms" in html
     assert "type A" in first["rolling_model"]
     assert "own spin, R from the contact to its centre of mass (type A)" in html
 
