@@ -375,13 +375,13 @@ def unnamed(folder):
 def test_a_second_term_pays_for_the_shape_of_the_first_too(lifted, monkeypatch):
     monkeypatch.setattr(formula, "shapes", lambda *_: ())  # the second is one of a fixed form
     bench, naming = unnamed(lifted)
-    ground = formula._training(bench, bench.lab, naming)
+    training = formula._training(bench, bench.lab, naming)
     terms = (named("form:constant_sideways"),)
-    first = formula.candidate(ground.naming, terms, fit(ground.bench, terms, near=ground.naming.base), cost=30.0)
-    second = formula._with_second(ground, first)
+    first = formula.candidate(training.naming, terms, fit(training.bench, terms, near=training.naming.base), cost=30.0)
+    second = formula._with_second(training, first)
     assert len(second.terms) == 2
-    free = formula._on_all(bench, naming, ground, replace(second, cost=0.0))
-    assert formula._on_all(bench, naming, ground, second).gain == pytest.approx(free.gain - 30)
+    free = formula._on_all(bench, naming, training, replace(second, cost=0.0))
+    assert formula._on_all(bench, naming, training, second).gain == pytest.approx(free.gain - 30)
 
 
 def test_the_choice_of_a_formula_does_not_depend_on_held_out_data(tmp_path):
