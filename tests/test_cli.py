@@ -651,7 +651,8 @@ def test_what_a_rig_leaves_open_is_an_option(rig, options, geometry, settings, c
         asked.update(vars(rig) | given)
         raise BadInput("seen")
 
-    monkeypatch.setattr(f"rigtwin.sim.{rig}.run", simulation)
+    module = "pile.pile" if rig == "pile" else rig
+    monkeypatch.setattr(f"rigtwin.sim.{module}.run", simulation)
     refused(["simulate", rig, *options.split()], capfd, "seen")
     for name, value in {**geometry, **settings}.items():
         assert asked[name] == pytest.approx(value, rel=1e-12), name

@@ -10,6 +10,7 @@ import shutil
 import signal
 import time
 from dataclasses import replace
+from datetime import UTC, datetime
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -279,9 +280,8 @@ def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
         "pendulum", Path("swing.mp4"), "0" * 64, (angle,), camera={"frame_rate_hz": 240}, files=files
     )
     twin = twin_of(experiment, model=read_lab(lab).model, measurements=[measurement])
-    measured = subject.Measured((measurement,), ())
-    outcome = subject.Outcome(experiment, measured.measurements, (), twin, ())
-    whole = subject.Comparison(read_lab(lab), (outcome,), 1, subject.datetime.now(subject.UTC))
+    outcome = subject.Outcome(experiment, (measurement,), (), twin, ())
+    whole = subject.Comparison(read_lab(lab), (outcome,), 1, datetime.now(UTC))
     from rigtwin.compare.report.page import report
 
     parsed = Page(report(whole, subject_compare_lab.provenance(whole), tmp_path))

@@ -275,7 +275,7 @@ def test_flows_are_compared_with_the_paper_where_particles_remain(tmp_path):
 
 @pytest.mark.parametrize(("particle", "frictions"), [("D6", (0.2, 0.01)), ("C6_24s", (0.5, 0.1))])
 def test_the_twin_of_table_7_has_the_printed_parameters(particle, frictions, monkeypatch):
-    from rigtwin.compare.twins import many_body as bulk_twins
+    from rigtwin.compare.twins import packing
 
     class Asked(Exception):
         pass
@@ -283,7 +283,7 @@ def test_the_twin_of_table_7_has_the_printed_parameters(particle, frictions, mon
     def twin(_rig, cast, **_):
         raise Asked(cast)
 
-    monkeypatch.setattr(bulk_twins, "packing_twin", twin)
+    monkeypatch.setattr(packing, "packing_twin", twin)
     runs = {run.name: run for run in plan([7], quick=False, repetitions=1, seed=1).runs}
     with pytest.raises(Asked) as asked:
         paper_runs.packing(**runs[f"type_A-packing-{particle}-before-seed1"].settings)
@@ -294,12 +294,12 @@ def test_the_twin_of_table_7_has_the_printed_parameters(particle, frictions, mon
 
 
 def test_a_bed_that_spills_is_poured_again_into_a_higher_cylinder(monkeypatch):
-    from rigtwin.compare.twins import many_body as bulk_twins
+    from rigtwin.compare.twins import packing
 
     low = 27e-3  # [m]; 60 beads stand some 30 mm high in 25 mm
 
     def cylinder(height):
-        monkeypatch.setattr(bulk_twins, "cylinder_for", lambda rig, *_: replace(rig, cylinder_height=height))
+        monkeypatch.setattr(packing, "cylinder_for", lambda rig, *_: replace(rig, cylinder_height=height))
         return paper_runs.packing("D6", count=60, seed=1, cylinder=25e-3)
 
     again, high = cylinder(low), cylinder(paper_runs.HIGHER * low)
@@ -641,16 +641,14 @@ def test_each_rolling_law_has_its_own_runs_and_type_c_uses_earlier_ones():
 
 @pytest.mark.parametrize("law", ROLLING)
 def test_the_twin_rolls_by_the_law_that_the_table_names(law, monkeypatch):
-    from rigtwin.compare.twins import many_body as bulk_twins
-
     class Asked(Exception):
         pass
 
     def twin(*_, rolling, **__):
         raise Asked(rolling)
 
-    for name in ("pile_twin", "packing_twin", "drum_twin", "hopper_twin"):
-        monkeypatch.setattr(bulk_twins, name, twin)
+    for rig in ("pile", "packing", "drum", "hopper"):
+        monkeypatch.setattr(f"rigtwin.compare.twins.{rig}.{rig}_twin", twin)
     runs, _ = studies(None, repetitions=1, seed=1, rolling=law)
     for item in (*plan(None, quick=True, repetitions=1, seed=1, rolling=law).runs, *runs[:1]):
         with pytest.raises(Asked, match=law):
