@@ -17,11 +17,13 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
+from figures import small
 from labs_benches import DIAMETER_DOUBT, Bench, Change, Run, plate, set_up
 from labs_camera import Camera, film, ordinary
 from labs_effects import ALL, CONFOUNDED, LISTED, PAIRS, STRENGTHS, UNLISTED, Effect
 from labs_motion import GRAVITY, World
 
+REPETITIONS = small(10, 6)  # of the one condition of a narrowed lab
 KINDS = ("null", "single", "pair", "unlisted")
 EVERY_RIG = ("drop", "drop", "pendulum", "pendulum", "wall pendulum", "double", "slide", "roll")  # of the nulls
 
@@ -102,8 +104,8 @@ def draw(case: Case, rng: np.random.Generator) -> tuple[Bench, Camera, World, di
 
 
 def narrow(bench: Bench) -> Bench:
-    """One condition in ten repetitions is all there is, as in a lab that has only just begun."""
-    return replace(bench, runs=(replace(bench.runs[len(bench.runs) // len(bench.beads) - 1], repetitions=10),))
+    """One condition in some repetitions is all there is, as in a lab that has only just begun."""
+    return replace(bench, runs=(replace(bench.runs[len(bench.runs) // len(bench.beads) - 1], repetitions=REPETITIONS),))
 
 
 def write(

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from bulk_coverage import CASES as BULK
 from centres import centres
-from figures import Row, below, report
+from figures import Row, below, report, small
 from measure_speed import speed
 from motions import BEAD, STEEL, bounces, swing, through_a_camera
 
@@ -154,7 +154,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = [case.__name__ for case in CASES]
     parser.add_argument("--only", nargs="+", choices=names, default=names)
-    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--count", type=int, default=small(100, 3))
     options = parser.parse_args(arguments)
     rows: list[Row] = []
     for case in CASES:
