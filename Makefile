@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format verify bench bench-measure bench-footage bench-diagnose clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-diagnose clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -24,6 +24,10 @@ lint: $(READY)
 format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# every benchmark with few particles, frames and repetitions: shows that it runs; its figures mean nothing
+smoke: $(READY)
+	$(BIN)/python benchmarks/smoke.py
 
 # SEED=7 make verify: another start of whatever is random
 verify: $(READY)

@@ -49,7 +49,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from figures import Row, report
+from rigtwin.benchmarks.figures import Row, report
 
 HERE = Path(__file__).resolve().parent.parent
 FORMAT = 1  # of a record file

@@ -22,7 +22,9 @@ from rigtwin.benchmarks.diagnose.lab_camera import Camera, film, ordinary
 from rigtwin.benchmarks.diagnose.lab_effects import ALL, CONFOUNDED, LISTED, PAIRS, STRENGTHS, UNLISTED, Effect
 from rigtwin.benchmarks.diagnose.lab_motion import GRAVITY, World
 from rigtwin.benchmarks.diagnose.lab_rigs import DIAMETER_DOUBT, Bench, Change, Run, plate, set_up
+from rigtwin.benchmarks.figures import small
 
+REPETITIONS = small(10, 6)  # of the one condition of a narrowed lab
 KINDS = ("null", "single", "pair", "unlisted")
 EVERY_RIG = ("drop", "drop", "pendulum", "pendulum", "wall pendulum", "double", "slide", "roll")  # of the nulls
 
@@ -103,8 +105,8 @@ def draw(case: Case, rng: np.random.Generator) -> tuple[Bench, Camera, World, di
 
 
 def narrow(bench: Bench) -> Bench:
-    """One condition in ten repetitions is all there is, as in a lab that has only just begun."""
-    return replace(bench, runs=(replace(bench.runs[len(bench.runs) // len(bench.beads) - 1], repetitions=10),))
+    """One condition in some repetitions is all there is, as in a lab that has only just begun."""
+    return replace(bench, runs=(replace(bench.runs[len(bench.runs) // len(bench.beads) - 1], repetitions=REPETITIONS),))
 
 
 def write(

@@ -4,7 +4,7 @@
 
 FOLDER holds the data sets as they were published: falling_balls/*.csv with balls.txt, pingpong_drop/*.txt and
 cube_toss/*.csv.  Each is written as a lab into OUT, with what was assumed of it, and diagnosed there.  Clips or tosses
-of one body are repetitions of one setting.
+of one body are repetitions of one setting.  With `SMOKE=1` files like these are made up, and no folder is named.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.benchmarks.figures import OUT, SMOKE, Row, report
 from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
 from rigtwin.lab.errors import BadInput
 
@@ -118,19 +119,55 @@ def _lab(title: str, camera: Any, particles: Any, conditions: list[Any], **geome
     return about | {"particles": particles, "conditions": conditions}
 
 
-def main() -> None:
+def _make_up(folder: Path) -> None:
+    """Files of the published form, in which balls fall and bounce as Newton says."""
+    rng, of_balls, of_clips, of_tosses = (
+        np.random.default_rng(1),
+        *(folder / name for name in ("falling_balls", "pingpong_drop", "cube_toss")),
+    )
+    for one in (of_balls, of_clips, of_tosses):
+        one.mkdir(parents=True, exist_ok=True)
+    (of_balls / "balls.txt").write_text("".join(f"{name} 5 23\n" for name in BALLS.values()))
+    time = np.arange(30) / 15
+    rows = [np.column_stack([0 * time + k, time, 40 - GRAVITY / 2 * time**2]) for k in (1, 2, 3)]
+    for name in ("baseball", "golf_ball"):
+        seen = np.concatenate(rows) + [0, 0, 0.1] * rng.standard_normal((90, 3))
+        np.savetxt(of_balls / f"{name}.csv", seen, delimiter=",", header="drop,time,height", comments="")
+    time, meets = np.arange(64) / FILMED, 34 / FILMED  # [s]; it is seen as it meets the plate
+    fall = GRAVITY / 2 * meets**2
+    after = time - meets
+    height = np.where(after < 0, fall - GRAVITY / 2 * time**2, 0.9 * GRAVITY * meets * after - GRAVITY / 2 * after**2)
+    for name in (f"{where}_{k}" for where in ("floor", "table") for k in range(5)):
+        places = np.column_stack([0 * time + 200, 700 - height / PIXEL]) + 0.3 * rng.standard_normal((64, 2))
+        np.savetxt(of_clips / f"{name}.txt", places, delimiter=";")
+    time = np.arange(40) / POSES
+    for name in range(5):
+        poses = np.zeros((40, 13))
+        poses[:, 0], poses[:, 2] = 1.0 * time, 0.9 - GRAVITY / 2 * time**2 + HALF_WIDTH
+        poses[:, 9] = -GRAVITY * time
+        poses += 1e-3 * rng.standard_normal(poses.shape)
+        np.savetxt(of_tosses / f"{name}.csv", poses / HALF_WIDTH, delimiter=",", header="pose", comments="")
+
+
+def main() -> int:
     """Write the labs, diagnose each, and print what was said."""
     arguments = argparse.ArgumentParser()
-    arguments.add_argument("folder", type=Path)
-    arguments.add_argument("out", type=Path)
+    arguments.add_argument("folder", type=Path, **({"nargs": "?", "default": OUT / "real-tracks"} if SMOKE else {}))
+    arguments.add_argument("out", type=Path, **({"nargs": "?", "default": OUT / "real-tracks"} if SMOKE else {}))
     options = arguments.parse_args()
+    if SMOKE:
+        _make_up(options.folder)
+    told = []
     for name, assume in {"balls": balls, "floor": floor, "table": table, "cube": cube}.items():
         lab, tracks = assume(options.folder)
         for file, rows in tracks.items():
             (path := options.out / name / file).parent.mkdir(parents=True, exist_ok=True)
             np.savetxt(path, rows, fmt="%.9g", delimiter=",", header="time_s,x_m,y_m", comments="")
         (options.out / name / "lab.json").write_text(json.dumps(lab, indent=1), encoding="utf-8")
-        sys.stdout.write(f"{lab['title']}: {_said(options.out / name)}\n")
+        said = _said(options.out / name)
+        sys.stdout.write(f"{lab['title']}: {said}\n")
+        told.append(Row(f"{lab['title']}: tracks", len(tracks), note=said.partition("\n")[0]))
+    return report("real-tracks", told)
 
 
 def _said(lab: Path) -> str:
@@ -145,4 +182,4 @@ def _said(lab: Path) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from rigtwin.benchmarks.engine import liggghts
 from rigtwin.benchmarks.engine.flows import BIN, CONE, OUTLET, funnel_corners
-from rigtwin.benchmarks.figures import Row, against, report
+from rigtwin.benchmarks.figures import Row, against, report, small
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.sim.engine.bulk.bulk import Bulk
@@ -32,7 +32,7 @@ AMONG = replace(hlosta2020.contact("D6", "D6"), rolling_friction=0.0)
 ON_WALL = replace(hlosta2020.contact("D6", "PMMA"), rolling_friction=0.0)
 SOFTEST = 1e6  # [Pa], shear modulus of the filling, and of the flow beside LIGGGHTS
 LOOK, LONGEST = 0.01, 3.0  # [s], between looks, and until a flow is given up
-SETTLING, RELAXING = 1.5, 0.05  # [s], of the bed at first, and with another modulus
+SETTLING, RELAXING = small(1.5, 0.1), small(0.05, 0.005)  # [s], of the bed at first, and with another modulus
 STEADY = (0.2, 0.8)  # part of the beads that have left
 DEEPEST = 0.05  # of a radius, how far beads at rest on the lid may lie in the walls
 SKIN = 1.2e-3  # [m], of LIGGGHTS' list
@@ -116,7 +116,7 @@ def steady(left: Array) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=5000)
+    parser.add_argument("--count", type=int, default=small(5000, 60))
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--moduli", type=float, nargs="+", default=[1e6, 1e7, 1e8], help="shear moduli [Pa]")
     options = parser.parse_args(arguments)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rigtwin.benchmarks.figures import Row, machine
+from rigtwin.benchmarks.figures import Row, machine, small
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Drop
 from rigtwin.sim import drop
@@ -19,7 +19,8 @@ from rigtwin.sim.engine.walls.shapes import Plane, Wall
 ASH = Material("ash", 720, 11e9, 0.44)
 STEEL = Material("steel", 7850, 210e9, 0.3)
 FRAME_RATE = 240.0  # [1/s]
-PAIRS = 3
+PAIRS = small(3, 1)
+TIMED = small(1.0, 0.01)  # [s], that one bead moves
 
 
 def drop_rows() -> list[Row]:
@@ -35,7 +36,7 @@ def drop_rows() -> list[Row]:
         took = []
         for _ in range(4):  # the first compiles
             began = time.perf_counter()
-            motion = few_body.run([body], np.array([1.0]), walls=floor, step=1e-6, flight_step=1e-6)
+            motion = few_body.run([body], np.array([TIMED]), walls=floor, step=1e-6, flight_step=1e-6)
             took.append((time.perf_counter() - began) * 1e6 / motion.steps)
         best = min(took[1:])
         note = f"best of 3, load average {machine()['load_average']}"

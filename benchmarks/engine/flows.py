@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.benchmarks.engine import liggghts
-from rigtwin.benchmarks.figures import Row
+from rigtwin.benchmarks.figures import Row, small
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import GRAVITY
@@ -32,7 +32,8 @@ STEP = time_step([D6])[0]
 
 SECTORS, BIN, OUTLET, CONE, HEIGHT = 72, 0.05, 0.025, 0.1, 0.6  # of the hopper; radii and heights [m]
 RPM = 10.0  # it turns about its axis
-FILLING, RUNNING = 0.45, 0.1  # [s] until the bed rests, and from the opening to the timing
+FILLING, RUNNING = small(0.45, 0.05), small(0.1, 0.02)  # [s] until the bed rests, and from the opening to the timing
+FALLING = small(0.25, 0.01)  # [s], of clumps before the timing
 
 
 # ---------------------------------------------------------------------- hopper
@@ -100,7 +101,7 @@ def running_hopper(beads: int, seed: int) -> tuple[Array, Array]:
 def hopper_rows(beads: int, threads: int, pairs: int, seconds: float, seed: int, wanted: float) -> list[Row]:
     """Ours beside LIGGGHTS, by turns, each from the same state of flow."""
     position, velocity = running_hopper(beads, seed)
-    steps = max(40, int(2e6 * seconds / len(position)))
+    steps = max(small(40, 10), int(2e6 * seconds / len(position)))
     state = liggghts.Hopper(
         particle=D6, between=BEAD_BEAD, walls=BEAD_WALL, time_step=STEP, skin=SKIN * D6.diameter, gravity=GRAVITY,
         position=position, velocity=velocity, corners=hopper_corners(), period=60 / RPM, reach=(BIN, -0.1, HEIGHT),
@@ -141,7 +142,7 @@ def clump_rows(clumps: int, steps: int, seed: int) -> list[Row]:
     )  # fmt: skip
     rng = np.random.default_rng(seed)
     bulk.add(places, velocity=np.array([[0, 0, -0.3]]), turn=rng.normal(size=(clumps, 4)))
-    fall = round(0.25 / bulk.time_step)
+    fall = round(FALLING / bulk.time_step)
     bulk.run(fall)
     rates = [timed(bulk, 1, steps) for _ in range(5)]
     name = f"{clumps} clumps of 24 spheres, 1 thread"
@@ -153,7 +154,8 @@ def clump_rows(clumps: int, steps: int, seed: int) -> list[Row]:
     ]
     if liggghts.installed(1):
         # thrown in as the spheres about them, a quarter of the room
-        high = cube.diameter + clumps * 4 * math.pi / 6 * cube.diameter**3 / side**2
+        room = clumps * 4 * math.pi / 6 * cube.diameter**3 / side**2
+        high = cube.diameter + max(room, 2 * cube.diameter)
         theirs = liggghts.Clumps(
             particle=cube, between=BEAD_BEAD, walls=BEAD_WALL, time_step=bulk.time_step,
             skin=SKIN * cube.equivalent_diameter, gravity=GRAVITY, count=clumps, size=(side, side, high),

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.benchmarks.engine import liggghts
-from rigtwin.benchmarks.figures import Row, against, report
+from rigtwin.benchmarks.figures import Row, against, report, small
 from rigtwin.lab.materials import Contact
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import GRAVITY
@@ -32,7 +32,7 @@ BEAD = replace(PUBLISHED, material=PUBLISHED.material.softened(1e-3))
 AMONG, ON_WALL = hlosta2020.contact("D6", "D6"), hlosta2020.contact("D6", "PMMA")
 ACROSS, TALL = 0.04, 0.45  # [m], of the box
 CROWDED = 0.3  # cubes around the beads, in parts of the space that they hang in
-FALLING = 1.5  # [s], after which all is at rest
+FALLING = small(1.5, 0.1)  # [s], after which all is at rest
 STEP = time_step([BEAD])[0]
 FRICTIONS = ((0.5, 0.01), (0.5, 1.0), (1.5, 0.01), (1.5, 1.0))  # static, rolling
 LAWS: tuple[Rolling, ...] = ("type C", "type A")
@@ -77,7 +77,7 @@ def theirs(start: Array, rolling: Rolling, contact: Contact) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=500)
+    parser.add_argument("--count", type=int, default=small(500, 20))
     parser.add_argument("--seed", type=int, default=3)
     options = parser.parse_args(arguments)
     start = cloud(options.count, options.seed)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from rigtwin.benchmarks.engine import liggghts
 from rigtwin.benchmarks.engine.flows import funnel_corners
-from rigtwin.benchmarks.figures import Row, against
+from rigtwin.benchmarks.figures import Row, against, small
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.sim.engine.bulk.bulk import Bulk
 from rigtwin.sim.engine.time_step import time_step
@@ -33,10 +33,11 @@ ON_STEEL = Contact(0.4, 0.2, 0.0)
 RADIUS = 2e-3  # [m]
 
 WIDE, CONE, TALL = 0.03, 0.0593, 0.4  # [m], of the silo: radius, height of the cone, and of the cylinder's end
-SILOS = ((M1, 0.011, 1200), (M2, 0.014, 1200))  # radius of the orifice [m], grains
+SILOS = ((M1, 0.011, small(1200, 60)), (M2, 0.014, small(1200, 60)))  # radius of the orifice [m], grains
 SILO_LOOK = 0.01  # [s]
-BOX, GRAINS, BALL = 0.06, 4000, 0.008  # side of the box [m], grains in it, radius of the ball [m]
-HIT, DEEP, DEEP_LOOK = 5.0, 0.03, 5e-4  # [m/s], and for how long and how often it is watched [s]
+BOX, GRAINS, BALL = 0.06, small(4000, 300), 0.008  # side of the box [m], grains in it, radius of the ball [m]
+HIT, DEEP, DEEP_LOOK = 5.0, small(0.03, 0.005), 5e-4  # [m/s], and for how long and how often it is watched [s]
+FILLING_SILO, FILLING_BOX = small(0.3, 0.1), small(0.25, 0.05)  # [s]
 SKIN = 0.4e-3  # [m], of both codes' lists
 
 
@@ -48,7 +49,7 @@ def silo() -> list[Row]:
         step = time_step([grain])[0]
         filling = _silo(grain, orifice, step, lid=True)
         filling.add(_funnel_places(count, orifice))
-        filling.run(round(0.3 / step))
+        filling.run(round(FILLING_SILO / step))
         start = filling.beads().position
         looks = math.ceil(2.5 * _emptying(grain, orifice, len(start)) / SILO_LOOK)
         every = round(SILO_LOOK / step)
@@ -87,7 +88,7 @@ def penetration() -> list[Row]:
     step = time_step([grain])[0]
     filling = _box([grain], step)
     filling.add(_box_places(GRAINS), np.array([0.0, 0.0, -0.2]))
-    filling.run(round(0.25 / step))
+    filling.run(round(FILLING_BOX / step))
     bed = filling.beads().position
     top = float(bed[:, 2].max()) + RADIUS
     centre = np.array([[BOX / 2, BOX / 2, top + BALL + 1e-4]])

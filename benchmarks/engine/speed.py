@@ -26,7 +26,7 @@ import numpy.typing as npt
 from rigtwin.benchmarks.engine import liggghts
 from rigtwin.benchmarks.engine.few_body_speed import drop_rows, many_rows
 from rigtwin.benchmarks.engine.flows import clump_rows, hopper_rows, memory_rows, timed
-from rigtwin.benchmarks.figures import Row, machine, report
+from rigtwin.benchmarks.figures import SMOKE, Row, machine, report, small
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import GRAVITY, Pile
 from rigtwin.sim.engine import backend
@@ -43,7 +43,8 @@ D6 = Particle("D6", SOFT, 6e-3, density=569)
 BEAD_BEAD, BEAD_WALL = Contact(0.75, 0.44, 0.08), Contact(0.42, 0.36, 0.06)
 STEP = time_step([D6])[0]
 ACROSS = 15 * D6.diameter  # of one block; larger beds are blocks side by side, each the mirror of its neighbour
-BLOCK = 4000  # beads
+BLOCK = small(4000, 80)  # beads
+BEADS_OF_PILE = small(1000, 30)
 WANTED = 2.0  # times LIGGGHTS
 ALONE = 0.9  # part of the time that LIGGGHTS must have had its cores
 
@@ -123,7 +124,7 @@ def compare(beads: int, options: argparse.Namespace) -> list[Row]:
         position=position, size=size,
     )  # fmt: skip
     pairs = options.pairs if beads <= 2 * BLOCK else max(1, options.pairs_large)
-    steps = max(40, int(3e6 * options.seconds / beads))
+    steps = max(small(40, 10), int(3e6 * options.seconds / beads))
     rows: list[Row] = []
     for rolling in options.rolling:
         bed = bulk(size, beads, rolling)
@@ -183,27 +184,31 @@ def start_rows() -> list[Row]:
 
 
 def pile_rows() -> list[Row]:
-    """How long the twin of a pile of 1000 beads takes."""
+    """How long the twin of a pile takes."""
     began = time.perf_counter()
-    heap = pile.run(Pile(0.09, rim_height=0.01), Particle("D6", ASH, 6.2e-3, density=568), STEEL, BEAD_BEAD, BEAD_WALL)
+    bead = Particle("D6", ASH, 6.2e-3, density=568)
+    rig = Pile(small(0.09, 0.025), rim_height=0.01)
+    heap = pile.run(rig, bead, STEEL, BEAD_BEAD, BEAD_WALL, count=BEADS_OF_PILE)
     note = f"{heap.time:.2f} s simulated, {len(heap.centres)} beads stay"
-    return [Row("pile of 1000 beads", time.perf_counter() - began, "s", note=note)]
+    return [Row(f"pile of {BEADS_OF_PILE} beads", time.perf_counter() - began, "s", note=note)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--beads", type=int, nargs="+", default=[4000, 15_000, 100_000])
+    parser.add_argument("--beads", type=int, nargs="+", default=small([4000, 15_000, 100_000], [60, 320]))
     parser.add_argument("--threads", type=int, nargs="+", default=sorted({1, min(2, backend.available_threads())}))
     parser.add_argument("--rolling", nargs="+", choices=ROLLING, default=list(ROLLING))
-    parser.add_argument("--pairs", type=int, default=5, help="alternating pairs up to 8,000 beads")
-    parser.add_argument("--pairs-large", type=int, default=5, help="and above")
-    parser.add_argument("--seconds", type=float, default=1.0, help="rough length of one timing")
+    parser.add_argument("--pairs", type=int, default=small(5, 1), help="alternating pairs up to 8,000 beads")
+    parser.add_argument("--pairs-large", type=int, default=small(5, 1), help="and above")
+    parser.add_argument("--seconds", type=float, default=small(1.0, 0.001), help="rough length of one timing")
     parser.add_argument("--quick", action="store_true", help="three pairs, two for the large beds")
-    parser.add_argument("--hopper", type=int, default=15_000, help="beads in the running hopper; 0: none")
-    parser.add_argument("--clumps", type=int, default=500, help="clumps of 24 spheres; 0: none")
-    parser.add_argument("--drops", type=int, default=300, help="drops in one launch; 0: none")
-    parser.add_argument("--memory", type=int, default=1_000_000, help="beads whose memory is told; 0: none")
-    parser.add_argument("--pile", action="store_true", help="also time the twin of a pile of 1000 beads")
+    parser.add_argument("--hopper", type=int, default=small(15_000, 200), help="beads in the running hopper; 0: none")
+    parser.add_argument("--clumps", type=int, default=small(500, 12), help="clumps of 24 spheres; 0: none")
+    parser.add_argument("--drops", type=int, default=small(300, 12), help="drops in one launch; 0: none")
+    parser.add_argument(
+        "--memory", type=int, default=small(1_000_000, 1000), help="beads whose memory is told; 0: none"
+    )
+    parser.add_argument("--pile", action="store_true", default=SMOKE, help="also time the twin of a pile of 1000 beads")
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))
     options = parser.parse_args(arguments)
     if options.quick:

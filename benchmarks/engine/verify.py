@@ -22,7 +22,7 @@ import numpy.typing as npt
 from rigtwin.benchmarks.engine.exported import exported
 from rigtwin.benchmarks.engine.linear import linear
 from rigtwin.benchmarks.engine.published import penetration, silo
-from rigtwin.benchmarks.figures import Row, against, below, report
+from rigtwin.benchmarks.figures import Row, against, below, report, small
 from rigtwin.lab.clumps import clump
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import GRAVITY
@@ -455,6 +455,9 @@ def _at_usual_step(e: float) -> tuple[float, float]:
 
 STEP = time_step([SOFT_D6])[0]
 WIDTH = 8 * D6.diameter
+RESTING_BEADS, RESTING = small(400, 40), small(10.0, 0.05)  # beads, and [s]
+COLUMN = small(500, 60)  # beads
+SPINNING = small(1000, 50)  # steps, of which a clump makes a hundred times as many
 
 
 def column(contact: Contact, width: float = WIDTH, step: float = STEP) -> Bulk:
@@ -483,22 +486,22 @@ def lattice(count: int, width: float) -> Array:
 
 
 def rest() -> list[Row]:
-    """A bed that came to rest stays where it is for 10 s."""
+    """A bed that came to rest stays where it is."""
     bed = column(Contact(0.6, 0.44, 0.08))
-    bed.add(lattice(400, WIDTH), np.random.default_rng(SEED).normal(0, 0.4, (400, 3)))
-    for _ in range(400):  # a bead that is hardly pressed may spin on like a top for long
+    bed.add(lattice(RESTING_BEADS, WIDTH), np.random.default_rng(SEED).normal(0, 0.4, (RESTING_BEADS, 3)))
+    for _ in range(small(400, 4)):  # a bead that is hardly pressed may spin on like a top for long
         bed.run(5000)
         if bed.beads().kinetic_energy < 1e-20:
             break
     before, settled = bed.beads(), bed.time
-    bed.run(math.ceil(10.0 / STEP))
+    bed.run(math.ceil(RESTING / STEP))
     after = bed.beads()
     height = float(before.position[:, 2].max())
     moved = float(np.abs(after.position - before.position).max())
     note = f"{len(before.ident)} beads, type C, settled in {settled:.1f} s, {before.kinetic_energy:.1g} J left then"
     return [
-        below("bed at rest for 10 s: drift / height", moved / height, 1e-6, note=note),
-        below("bed at rest for 10 s: kinetic energy / m g R", _weight_energy(after), 1e-12),
+        below(f"bed at rest for {RESTING:g} s: drift / height", moved / height, 1e-6, note=note),
+        below(f"bed at rest for {RESTING:g} s: kinetic energy / m g R", _weight_energy(after), 1e-12),
     ]
 
 
@@ -548,13 +551,13 @@ def _collapsed(contact: Contact, finer: int) -> tuple[Array, float, str]:
     """Energy at 60 moments and the potential energy released [J]."""
     width, every = 20 * D6.diameter, 250
     bed = column(contact, width=width, step=STEP / finer)
-    bed.add(lattice(500, WIDTH))
+    bed.add(lattice(COLUMN, WIDTH))
     totals = []
     for _ in range(60):
         totals.append(energy_of(bed.beads(), width))
         bed.run(every * finer)
     budget = np.array(totals)
-    name = f"column of 500 beads, {60 * every * STEP:.2f} s, {0.3 / finer:.1%} of Rayleigh's step"
+    name = f"column of {COLUMN} beads, {60 * every * STEP:.2f} s, {0.3 / finer:.1%} of Rayleigh's step"
     return budget.sum(1), float(budget[0, 1] - budget[:, 1].min()), name
 
 
@@ -562,7 +565,7 @@ SPIN = (20.0, 150.0, 20.0)  # [rad/s], nearly about the middle axis: the clump f
 
 
 def spin() -> list[Row]:
-    """An asymmetric clump that tumbles freely for 1e5 steps."""
+    """An asymmetric clump that tumbles freely."""
     shape = clump([(0, 0, 0), (3e-3, 0, 0), (0, 2e-3, 1e-3)], [2e-3, 1.5e-3, 1e-3])
     odd = clumped("odd", SOFT, shape)
     step = time_step([odd])[0]
@@ -572,15 +575,16 @@ def spin() -> list[Row]:
     before = space.grains()
     energies, momenta = [], []
     for _ in range(100):
-        space.run(1000)
+        space.run(SPINNING)
         now = space.grains()
         energies.append(now.kinetic_energy / before.kinetic_energy - 1)
         momenta.append(np.linalg.norm(now.momentum - before.momentum) / np.linalg.norm(before.momentum))
     moments = "{:.3g} : {:.3g} : {:.3g}".format(*np.array(shape.gyration) / min(shape.gyration))
     note = f"moments {moments}, {space.time:.2f} s, {math.hypot(*SPIN) * step:.1e} rad a step"
+    name = f"spinning clump, {100 * SPINNING:g} steps"
     return [
-        below("spinning clump, 1e5 steps: energy", float(np.abs(energies).max()), 1e-4, note=note),
-        below("spinning clump, 1e5 steps: angular momentum", float(np.max(momenta)), 1e-4, note=note),
+        below(f"{name}: energy", float(np.abs(energies).max()), 1e-4, note=note),
+        below(f"{name}: angular momentum", float(np.max(momenta)), 1e-4, note=note),
     ]
 
 

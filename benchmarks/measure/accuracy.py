@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.benchmarks.figures import Row, below, report
+from rigtwin.benchmarks.figures import Row, below, report, small
 from rigtwin.benchmarks.measure.bulk_coverage import CASES as BULK
 from rigtwin.benchmarks.measure.centres import centres
 from rigtwin.benchmarks.measure.motions import BEAD, STEEL, bounces, swing, through_a_camera
@@ -155,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = [case.__name__ for case in CASES]
     parser.add_argument("--only", nargs="+", choices=names, default=names)
-    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--count", type=int, default=small(100, 3))
     options = parser.parse_args(arguments)
     rows: list[Row] = []
     for case in CASES:

@@ -15,6 +15,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ import numpy.typing as npt
 
 from rigtwin.benchmarks.figures import Row, report
 from rigtwin.benchmarks.measure.draw_footage import film
-from rigtwin.benchmarks.measure.hard_footage import CASES, swung
+from rigtwin.benchmarks.measure.hard_footage import CASES, fewer_frames, swung
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import silent
@@ -42,6 +43,7 @@ WILD = 6.0  # times the usual error, beyond which something else was seen
 def likelihoods(name: str, seed: int, folder: Path) -> Array:
     """Logarithms, of every share in `SHARES`, in one film; constant parts left out."""
     case, rng = CASES[name], np.random.default_rng([seed, *name.encode()])
+    case = replace(case, footage=fewer_frames(case.footage, 60.0))
     stage, _ = swung(case, rng)
     video = open_video(film(folder / "film.mp4", stage, case.footage, rng), Camera(frame_rate=case.footage.rate))
     seen = pendulum.watch(video, Camera(frame_rate=case.footage.rate), None, silent)

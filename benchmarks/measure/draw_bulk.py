@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.benchmarks.figures import small
 from rigtwin.benchmarks.measure.bulk_coverage import BEAD, CYLINDER, heaped
 from rigtwin.benchmarks.measure.draw_footage import LENS, Footage, sway
 from rigtwin.lab.records import Profile
@@ -27,7 +28,7 @@ LIGHT = np.array([0.35, 0.6, 0.72])  # from the upper right, before the scene
 FINE = 16  # parts of a pixel in which OpenCV draws
 LARGE = 4  # times as large polygons are drawn
 PLAIN = Footage(ground=190.0, bead=170.0)
-FRAMES = 60  # of a turning drum
+FRAMES = small(60, 20)  # of a turning drum
 DRUM = 0.150  # [m], the drum's diameter, of which a bead is a twenty-fifth
 BIN, SLOT, HOPPER_BED = 0.070, 0.030, 0.055  # [m]
 SLIDE = 1.2  # [m/s], how fast the slide goes

@@ -22,7 +22,16 @@ from rigtwin.benchmarks.measure import draw_bulk
 from rigtwin.benchmarks.measure.bulk_coverage import BEAD, CYLINDER
 from rigtwin.benchmarks.measure.draw_bulk import PLAIN, Look, Photo
 from rigtwin.benchmarks.measure.draw_footage import Footage, stored
-from rigtwin.benchmarks.measure.hard_footage import SEED, Reading, Truth, all_but_a_tenth, compared, table
+from rigtwin.benchmarks.measure.hard_footage import (
+    SEED,
+    Reading,
+    Truth,
+    all_but_a_tenth,
+    compared,
+    fewer_frames,
+    table,
+    taken_up,
+)
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.quantity import Measurement, Quantity
@@ -98,6 +107,7 @@ def _drum(folder: Path, look: Look, name: str, rng: np.random.Generator) -> tupl
 
 
 def _hopper(folder: Path, look: Look, name: str, rng: np.random.Generator) -> tuple[Measurement, Truth]:
+    look = replace(look, footage=fewer_frames(look.footage, 60.0))
     pictures, opened, last = draw_bulk.emptying(look, rng)
     path = stored(folder / "hopper.mp4", list(pictures), look.footage, rng)
     found = hopper.measure(path, _camera(look.footage), bead_diameter=BEAD, bin_width=draw_bulk.BIN, out=folder / "out")
@@ -156,8 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=1)
     options = parser.parse_args(arguments)
     rows = []
-    for rig in options.rig:
-        names = [name for name in RIGS[rig][1] if not options.only or name in options.only]
+    for rig, names in taken_up({rig: RIGS[rig][1] for rig in options.rig}, options.only).items():
         rows += table(rig, names, options.count, readings)
     return report("bench-bulk-footage", rows, seed=SEED, count=options.count)
 

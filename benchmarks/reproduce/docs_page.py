@@ -5,7 +5,8 @@
 Cells that these runs give take the place of those in docs/reproduction_cells.csv, points of studies of those in
 docs/reproduction_studies.csv, each rolling law's of its own; the others there stay.  Runs and cells that name no law
 were made before there was a choice, by type C.  The page is written anew from its first table on; what stands before
-is written by hand, and the figures that it quotes are printed.
+is written by hand, and the figures that it quotes are printed.  With `SMOKE=1` runs are made up, and a copy of the page
+is written.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ import csv
 import json
 import math
 import re
+import shutil
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +26,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
+from rigtwin.benchmarks.figures import OUT, SMOKE, report
+from rigtwin.benchmarks.figures import Row as Figure
 from rigtwin.compare import result_files
 from rigtwin.compare.reproduce.figures import study_figure
 from rigtwin.compare.reproduce.reproduce import COLUMNS, STUDY_COLUMNS, Reproduction, page
@@ -221,11 +226,31 @@ def _key(function: str, settings: object) -> str:
     return json.dumps([function, settings], sort_keys=True)
 
 
-def main() -> None:
+RESULT = {"discharge_time_s": 1.0, "graphical_deg": 20.0, "bead_tops_height_mm": 200.0}
+
+
+def _make_up(runs: Path, docs: Path) -> None:
+    """One run of each cell and of each point of a study, as if finished, and a copy of the page."""
+    runs.mkdir(parents=True, exist_ok=True)
+    (docs / "pictures").mkdir(parents=True, exist_ok=True)
+    for file in DOCS.glob("reproduction*"):
+        shutil.copy(file, docs)
+    heaps, shown = studies(None, seed=1, quick=True)
+    readings = dict.fromkeys((key for study in shown for key in study.readings.values()), 25.0)
+    for one in (*plan(None, quick=True, repetitions=1, seed=1).runs, *heaps):
+        record = {"function": one.function, "settings": one.settings, "inputs": one.inputs, "result": RESULT | readings}
+        (runs / one.file_name).write_text(json.dumps(result_files.plain(record)))
+
+
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("folder", type=Path, help="where `rigtwin reproduce` keeps its runs")
+    optional = {"nargs": "?", "default": OUT / "reproduce"} if SMOKE else {}
+    parser.add_argument("folder", type=Path, help="where `rigtwin reproduce` keeps its runs", **optional)
     given = parser.parse_args()
-    page_file, cells, points = (DOCS / f"reproduction{name}" for name in (".md", "_cells.csv", "_studies.csv"))
+    docs = OUT / "docs" if SMOKE else DOCS
+    if SMOKE:
+        _make_up(given.folder / "runs", docs)
+    page_file, cells, points = (docs / f"reproduction{name}" for name in (".md", "_cells.csv", "_studies.csv"))
     if not any((given.folder / "runs").glob("*.json")):
         parser.error(f"{given.folder / 'runs'}: no finished run; give the --out of `rigtwin reproduce`.")
     text = page_file.read_text(encoding="utf-8")
@@ -236,10 +261,15 @@ def main() -> None:
     points.write_text(result_files.table(reproduction.study_rows, STUDY_COLUMNS), encoding="utf-8")
     for study in reproduction.studies:
         if study.points(reproduction.done.results):  # else the picture that is there stays
-            picture = DOCS / "pictures" / f"study-{study.name}-{study.rolling.replace(' ', '-')}.svg"
+            picture = docs / "pictures" / f"study-{study.name}-{study.rolling.replace(' ', '-')}.svg"
             picture.write_text(study_figure(study, reproduction.points(study)), encoding="utf-8")
     print(summary(reproduction))  # noqa: T201
+    if not SMOKE:
+        return 0
+    return report(
+        "reproduction-page", [Figure("cells run", len(run)), Figure("runs found", len(reproduction.done.results))]
+    )
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
