@@ -366,7 +366,7 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
         ([*HOPPER, "--variant", "slot", "--depth", "3mm"], "--depth: 3 mm between the end walls"),
         ([*DRUM, "--depth", "3mm", "--count", "20"], "--depth: 3 mm between the end walls"),
         ([*DRUM, "--depth", "3mm"], "give at least 6.4 mm"),
-        (["simulate", *DRUM[1:4], "--speed", "60000rpm", "--depth", "20mm"], "--speed: the drum's wall would pass by"),
+        (["simulate", *DRUM[1:4], "--speed", "60000rpm", "--depth", "20mm"], "--speed: the drum's wall would move at"),
         ([*PILE, "--pour-rate", "0.1/s", "--count", "100"], "--pour-rate: 100 particles take 1000 s"),
         (["simulate", "packing", "--cylinder-height", "5mm"], "--cylinder-height: 5 mm hold no particles of 6.2 mm"),
         ([*PILE, "--outlet-height", "1mm"], "--outlet-height: 1 mm above the base"),
@@ -787,7 +787,10 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
             "packing --outlet-diameter 13mm --count 130000",
             ["--count: 130000 particles take ", "give fewer or a wider outlet"],
         ),
-        ("packing --count 9 --fall-height 9m --cylinder-height 8m", ["--fall-height: after a fall of 17 m", "lower"]),
+        (
+            "packing --count 9 --fall-height 9m --cylinder-height 8m",
+            ["--fall-height: after a fall of 17 m", "give a smaller height"],
+        ),
         (
             "pile --base-diameter 60mm --count 9 --method pouring --lift-speed 100m/s",
             ["--lift-speed: the tube is lifted at 100 m/s", "lift it more slowly"],

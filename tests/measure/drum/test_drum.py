@@ -504,7 +504,7 @@ def test_a_film_that_shows_no_surface_says_what_to_do(tmp_path: Path, monkeypatc
             outline.height[np.abs(outline.x) < 0.6 * RADIUS_PX] = np.nan
         return bed
 
-    monkeypatch.setattr(drum, "follow_bed", unseen)
+    monkeypatch.setattr(drum_measurement, "follow_bed", unseen)
     with pytest.raises(NothingToMeasure, match="give the original file, light the drum"):
         measured(tmp_path / "drum.mp4")
 

@@ -29,6 +29,7 @@ from rigtwin.measure.hopper import evaluate as hopper_evaluate
 from rigtwin.measure.hopper import free_fall_clock, outflow
 from rigtwin.measure.hopper import measurement as hopper
 from rigtwin.measure.hopper import observe as hopper_observe
+from rigtwin.measure.hopper import scale as hopper_scale
 from rigtwin.measure.hopper.lost_frames import timing_check
 from rigtwin.measure.hopper.outflow import _bed, _end_of_beads, follow_outflow
 from rigtwin.measure.hopper.scale import outlet_profile
@@ -660,7 +661,7 @@ def test_what_is_advised_for_a_scale_was_not_given_already(tmp_path: Path) -> No
 
     assert "give --bin-width or --scale" in advised(None)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hopper, "bin_walls", lambda scenery: None)
+        patch.setattr(hopper_scale, "bin_walls", lambda scenery: None)
         assert "give --bin-width" not in advised(0.03)
 
 
