@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.drum_flow import FILL, fill_check
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.records import Profile, Series
-from rigtwin.lab.rigs import FILL, Drum, fill_check
+from rigtwin.lab.rigs import Drum
 from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.output.mixing import CELL, Mixing, lacey, mixing
 from rigtwin.sim.output.outline import bed, outline

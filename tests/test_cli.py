@@ -404,7 +404,7 @@ def test_a_misspelt_command_is_answered_in_one_sentence(capfd):
 
 
 def test_a_fault_of_the_program_is_one_sentence_and_code_1(monkeypatch, capfd):
-    import rigtwin.lab.notebook
+    import rigtwin.lab.file.lab_file
 
     def fall_over(folder):
         raise ZeroDivisionError("division by zero")
@@ -419,7 +419,7 @@ def test_a_fault_of_the_program_is_one_sentence_and_code_1(monkeypatch, capfd):
 
 
 def test_the_traceback_of_a_fault_is_shown_on_demand(monkeypatch, capfd):
-    import rigtwin.lab.notebook
+    import rigtwin.lab.file.lab_file
 
     def fall_over(folder):
         raise ZeroDivisionError("division by zero")
@@ -431,7 +431,7 @@ def test_the_traceback_of_a_fault_is_shown_on_demand(monkeypatch, capfd):
 
 
 def test_an_interrupt_ends_with_code_130(monkeypatch, capfd):
-    import rigtwin.lab.notebook
+    import rigtwin.lab.file.lab_file
 
     def interrupted(folder):
         raise KeyboardInterrupt

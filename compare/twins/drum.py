@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Unpack
 from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
+from rigtwin.lab.drum_flow import froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import doubted, failed
-from rigtwin.lab.rigs import Drum, DrumSettings, froude_check
+from rigtwin.lab.rigs import Drum, DrumSettings
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment

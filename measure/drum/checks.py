@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from rigtwin.lab.drum_flow import fill_check
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.quantity import Check, Quantity
-from rigtwin.lab.rigs import fill_check
 from rigtwin.measure.drum.bed import Bed
 from rigtwin.measure.drum.evaluate import FREQUENCY, HIGHEST_STEP, MOST_BOW
 from rigtwin.measure.geometry.camera_roll import upright_checks

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.drum_flow import froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile, Series
-from rigtwin.lab.rigs import froude_check
 from rigtwin.measure.drum.time_average import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 from rigtwin.measure.media.time_base import UNSTEADY
 

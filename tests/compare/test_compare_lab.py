@@ -381,7 +381,7 @@ def test_impossible_settings_are_refused_with_their_line_before_anything_is_meas
         clip.write(np.full((60, 80, 3), 90, np.uint8))
     clip.release()
     (tmp_path / "lab.toml").write_text(BARE + keys)
-    monkeypatch.setattr(subject, "measuring", lambda *_: pytest.fail("something was measured"))
+    monkeypatch.setattr(subject_compare_lab, "measuring", lambda *_: pytest.fail("something was measured"))
     with pytest.raises(BadLabFile) as refusal:
         compare(tmp_path, tmp_path / "out")
     assert str(refusal.value).startswith(f"{tmp_path / 'lab.toml'}, line ")

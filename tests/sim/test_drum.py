@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rigtwin.lab.drum_flow import fill_check
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.rigs import Drum, fill_check
+from rigtwin.lab.rigs import Drum
 from rigtwin.sim import drum
 from rigtwin.sim.output.mixing import lacey, mixing
 

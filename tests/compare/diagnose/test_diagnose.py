@@ -409,7 +409,7 @@ def test_a_formula_of_the_first_repetitions_alone_is_no_law(tmp_path):
     assert diagnosis.verdict == "unlisted"
     assert diagnosis.form == ""
     assert diagnosis.chosen is None
-    assert "no more than a hint" in diagnosis.reason
+    assert "given only as a hint" in diagnosis.reason
 
 
 def test_a_wrong_frame_rate_is_attributed_to_the_camera(tmp_path):

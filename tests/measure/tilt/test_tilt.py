@@ -346,14 +346,16 @@ def test_a_small_turn_before_the_onset_is_not_taken_for_a_squeezed_picture(tmp_p
 @pytest.fixture(scope="module")
 def rolling(tmp_path_factory):
     film = clip(tmp_path_factory.mktemp("rolling") / "clip.mp4", variant="roll", angle_deg=6.0, roll_deg=1.5)
-    return tilt.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
+    return tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
 
 
 @pytest.fixture(scope="module")
 def sliding(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sliding")
     film = clip(folder / "clip.mp4", variant="slide", angle_deg=14.0)
-    return tilt.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012, out=folder / "out")
+    return tilt_measurement.measure(
+        film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012, out=folder / "out"
+    )
 
 
 @pytest.mark.parametrize(("variant", "angle", "roll"), [("slide", 14.0, 0.0), ("roll", 6.0, 1.5)])

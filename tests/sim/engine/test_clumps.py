@@ -47,7 +47,7 @@ def test_a_spinning_clump_tumbles_and_keeps_its_energy_and_angular_momentum():
     for _ in range(40):
         space.run(500)
         now = space.grains()
-        upside.append(engine.bodies.matrices(now.turn)[0, 1, 1])
+        upside.append(engine.rigid_bodies.matrices(now.turn)[0, 1, 1])
         assert now.kinetic_energy == pytest.approx(before.kinetic_energy, rel=1e-5)
         assert now.momentum[0] == pytest.approx(before.momentum[0], abs=1e-14 * np.abs(before.momentum).max())
     assert min(upside) < -0.9

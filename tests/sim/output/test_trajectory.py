@@ -172,7 +172,7 @@ def test_a_vtkhdf_file_has_the_published_layout(tmp_path):
 
 
 def test_a_format_that_is_not_known_is_refused(tmp_path):
-    with pytest.raises(BadInput, match=r"film\.xyz has no suffix .* \.gsd .* \.vtkhdf"):
+    with pytest.raises(BadInput, match=r"film\.xyz has no known suffix; use \.gsd .* \.vtkhdf"):
         trajectory.begin(tmp_path / "film.xyz", ["D6"], DOMAIN)
 
 
