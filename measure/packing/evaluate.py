@@ -200,8 +200,8 @@ def _view_doubts(seen: Sequence[Observation], heights: Sequence[float]) -> dict[
     """Standard uncertainties of the mean outline [m]; views share scale and floor, so only scatter averages out."""
     names = dict.fromkeys(name for each in seen for name in each.doubts)
     parts = {name: max(each.doubts.get(name, 0.0) for each in seen) for name in names}
-    sigmas = [float(np.nanmedian(each.profile.sigma)) for each in seen]
-    noise = max((sigma for sigma in sigmas if math.isfinite(sigma)), default=0.0)
+    sigmas = [each.profile.sigma[np.isfinite(each.profile.sigma)] for each in seen]
+    noise = max((float(np.median(sigma)) for sigma in sigmas if len(sigma)), default=0.0)
     parts["outline"] = 0.3 * noise
     if len(heights) > 1:
         parts["views"] = float(np.std(heights, ddof=1)) / math.sqrt(len(heights))
