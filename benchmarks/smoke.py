@@ -45,7 +45,7 @@ class Script:
 SCRIPTS = (
     Script("bench-bulk-footage", 25, "hard_bulk.py"),
     Script("bench-footage", 30, "hard_footage.py"),
-    Script("bench", 44, "engine.py"),
+    Script("bench", 26, "engine.py"),
     Script("bench-measure", 100, "measure.py"),
     Script("verify", 210, "verify.py"),
     Script("real-tracks", 4, "real_tracks.py"),
