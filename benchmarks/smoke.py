@@ -45,7 +45,7 @@ class Script:
 SCRIPTS = (
     Script("bench-bulk-footage", 25, "measure/hard_bulk.py"),
     Script("bench-footage", 30, "measure/hard_footage.py"),
-    Script("bench", 44, "engine/speed.py"),
+    Script("bench", 26, "engine/speed.py"),
     Script("bench-measure", 100, "measure/accuracy.py"),
     Script("verify", 210, "engine/verify.py"),
     Script("real-tracks", 4, "diagnose/real_tracks.py"),
