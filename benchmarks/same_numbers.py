@@ -2,7 +2,7 @@
 
     python benchmarks/same_numbers.py --other CHECKOUT [--media DIR ...] [--hidden DIR] [--only SUBSTRING ...] [--quick]
     python benchmarks/same_numbers.py --record FILE [--other CHECKOUT] [--media DIR ...] [--hidden DIR] [--quick]
-    python benchmarks/same_numbers.py --against FILE [--other CHECKOUT] [--only SUBSTRING ...] [--quick]
+    python benchmarks/same_numbers.py --against FILE [--record FILE] [--other CHECKOUT] [--only SUBSTRING ...] [--quick]
 
 The first form runs every case here and in the other checkout and compares the two.  The second runs one checkout (this
 one, or that of `--other`) and keeps its results, the third compares a checkout with such a file, so that what does not
@@ -22,7 +22,8 @@ Numbers, names and statuses have to be the same to the last digit.  Sentences (`
 differences are counted apart and fail nothing, but the number of warnings has to stay.
 
 `--record FILE.json` appends each finished case to `FILE.jsonl`, from which a second start of the same checkout goes on,
-and writes `FILE.json` when all are done; `--against` reads either.  A case that runs longer than `--limit` is not kept.
+and writes `FILE.json` when all are done; `--against` reads either.  With both options a comparison that was stopped
+goes on where it was, as long as the code is the same.  A case that runs longer than `--limit` is not kept.
 Exit code 1 when a number differs; `out/same_numbers.json` holds one row for each case and every difference.
 """
 
@@ -40,7 +41,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
@@ -550,8 +550,9 @@ class Writer:
         kept = [self.head, *map(asdict, self.results.values())]
         self.lines.write_text("".join(json.dumps(entry) + "\n" for entry in kept))
 
-    def has(self, case: Case) -> bool:
-        return case.name in self.results and self.results[case.name].arguments == case.arguments
+    def get(self, case: Case) -> Result | None:
+        result = self.results.get(case.name)
+        return result if result and result.arguments == case.arguments else None
 
     def add(self, result: Result) -> None:
         self.results[result.name] = result
@@ -560,7 +561,9 @@ class Writer:
 
     def finish(self, wanted: Sequence[Case]) -> None:
         unfinished = self.path.with_suffix(".tmp")
-        kept = [asdict(replace(self.results[case.name], quick=case.quick)) for case in wanted]
+        for case in wanted:
+            self.results[case.name] = replace(self.results[case.name], quick=case.quick)
+        kept = [asdict(result) for result in self.results.values()]  # those of an earlier start with other cases, too
         unfinished.write_text(json.dumps({**self.head, "results": kept}, indent=1) + "\n")
         unfinished.replace(self.path)
 
@@ -578,9 +581,8 @@ def parsed() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=2, help="commands at a time")
     parser.add_argument("--limit", type=float, default=1800.0, help="seconds that one command may take")
     parser.add_argument("--list", action="store_true", help="print the cases and leave")
-    kept = parser.add_mutually_exclusive_group()
-    kept.add_argument("--record", type=Path, help="keep the results in this file")
-    kept.add_argument("--against", type=Path, help="compare with the results in this file")
+    parser.add_argument("--record", type=Path, help="keep the results in this file")
+    parser.add_argument("--against", type=Path, help="compare with the results in this file")
     wanted = parser.parse_args()
     if not (wanted.other or wanted.record or wanted.against or wanted.list):
         parser.error("give --other, --record or --against")
@@ -609,52 +611,50 @@ def main() -> int:
     if wanted.list:
         sys.stdout.write("".join(f"{case.name}: {' '.join(case.arguments)}\n" for case in chosen))
         return 0
-    if wanted.record:
-        return recorded(chosen, other or HERE, roots, wanted)
-    mine = Runner(other if record and other else HERE, roots, wanted.limit)
+
+    checkout = other if other and (wanted.record or wanted.against) else HERE
+    mine = Runner(checkout, roots, wanted.limit)
+    runners = [mine]
+    before: Callable[[Case], Result | None] | None = None
     if record:
-        first: Callable[[Case], Result | None] = lambda case: record.results[case.name]  # noqa: E731
-        runners = [mine]
-    else:
-        assert other is not None
-        first = Runner(other, roots, wanted.limit)
-        runners = [mine, first]
-    outcomes: dict[str, tuple[Result | None, Result | None]] = {}
-    for case, both in each_case(chosen, lambda case: (first(case), mine(case)), runners, wanted.jobs):
-        outcomes[case.name] = both
-        old, new = both
-        if old and new:
-            found = compared(old, new)
-            what = f"{len(found.numbers)} numbers differ" if found.numbers else "the same"
-            progress(outcomes, chosen, case, f"{what}; {new.seconds:.0f} s, before {old.seconds:.0f} s")
-        else:
-            progress(outcomes, chosen, case, "stopped at the limit of time")
-    partial = record is not None and not record.complete
-    return summary(chosen, outcomes, partial)
+        before = lambda case: record.results[case.name]  # noqa: E731
+    elif not wanted.record:
+        before = Runner(other, roots, wanted.limit)
+        runners.append(before)
+    writer = Writer(wanted.record.resolve(), state_of(checkout), roots) if wanted.record else None
 
+    def both(case: Case) -> tuple[Result | None, Result | None]:
+        kept = writer and writer.get(case)
+        return before and before(case), kept or mine(case)
 
-def recorded(chosen: Sequence[Case], checkout: Path, roots: dict[str, Path], wanted: argparse.Namespace) -> int:
-    writer = Writer(wanted.record.resolve(), state_of(checkout), roots)
-    runner = Runner(checkout, roots, wanted.limit)
     begun = time.perf_counter()
-    left = [case for case in chosen if not writer.has(case)]
-    done: dict[str, object] = {case.name: None for case in chosen if writer.has(case)}
-    late = []
-    for case, result in each_case(left, runner, [runner], wanted.jobs):
-        done[case.name] = result
-        if result:
-            writer.add(result)
-        else:
-            late.append(case.name)
-        progress(done, chosen, case, f"{result.seconds:.0f} s" if result else "stopped at the limit of time")
-    if late:
-        sys.stderr.write(
-            f"not recorded, longer than {wanted.limit:g} s: {', '.join(late)}; {writer.lines} has the rest\n"
-        )
-        return 1
-    writer.finish(chosen)
-    sys.stdout.write(f"{len(chosen)} cases of {checkout}, {time.perf_counter() - begun:.0f} s: {wanted.record}\n")
-    return 0
+    outcomes: dict[str, tuple[Result | None, Result | None]] = {}
+    for case, (old, new) in each_case(chosen, both, runners, wanted.jobs):
+        outcomes[case.name] = old, new
+        if writer and new and not writer.get(case):
+            writer.add(new)
+        sys.stderr.write(f"[{len(outcomes)}/{len(chosen)}] {case.name}: {in_words(old, new)}\n")
+        sys.stderr.flush()
+    late = [name for name, (_, new) in outcomes.items() if new is None]
+    if writer and not late:
+        writer.finish(chosen)
+        took = time.perf_counter() - begun
+        sys.stdout.write(f"{len(chosen)} cases of {checkout}, {took:.0f} s: {wanted.record}\n")
+    elif writer:
+        sys.stderr.write(f"longer than {wanted.limit:g} s: {', '.join(late)}; {writer.lines} has the rest\n")
+    if before is None:
+        return 1 if late else 0
+    return summary(chosen, outcomes, partial=record is not None and not record.complete)
+
+
+def in_words(old: Result | None, new: Result | None) -> str:
+    if new is None:
+        return "stopped at the limit of time"
+    if old is None:
+        return f"{new.seconds:.0f} s"
+    differing = len(compared(old, new).numbers)
+    what = f"{differing} numbers differ" if differing else "the same"
+    return f"{what}; {new.seconds:.0f} s, before {old.seconds:.0f} s"
 
 
 def each_case(
@@ -672,15 +672,6 @@ def each_case(
             for runner in runners:
                 runner.stop()
             raise
-
-
-_PRINTING = threading.Lock()
-
-
-def progress(done: dict[str, Any], chosen: Sequence[Case], case: Case, what: str) -> None:
-    with _PRINTING:
-        sys.stderr.write(f"[{len(done)}/{len(chosen)}] {case.name}: {what}\n")
-        sys.stderr.flush()
 
 
 def summary(chosen: Sequence[Case], outcomes: dict[str, tuple[Result | None, Result | None]], partial: bool) -> int:
