@@ -358,17 +358,17 @@ def _show_rest(
     files: Mapping[str, Path],
     quantities: Sequence[Quantity],
 ) -> None:
-    """Checks and warnings; what was told of doubtful `quantities`, or by a failed check, is not told again."""
-    told = [quantity.doubtful for quantity in _shown(quantities)]
+    """Checks and warnings; what doubtful `quantities` or a failed check already stated is not repeated."""
+    shown = [quantity.doubtful for quantity in _shown(quantities)]
 
     def again(sentence: str) -> bool:
-        return any(sentence.removesuffix(".") in each for each in told)
+        return any(sentence.removesuffix(".") in each for each in shown)
 
     for passed, name, message in dict.fromkeys((check.passed, check.check, check.message) for check in checks):
         mark = "[green]passed[/green]" if passed else "[red]failed[/red]"
-        words = "as told above" if not passed and again(message) else message
+        words = "as stated above" if not passed and again(message) else message
         console.print(f"{mark} {escape(name.replace('_', ' '))}: {escape(words)}")
-    told += [check.message for check in checks if not check.passed]
+    shown += [check.message for check in checks if not check.passed]
     for warning in warnings:
         if not again(warning):
             console.print(f"[yellow]warning:[/yellow] {escape(warning)}")

@@ -77,7 +77,7 @@ def _check_writable(folder: Path, flag: str, because: str, instead: str) -> None
     standing = next((above for above in (folder, *folder.absolute().parents) if above.exists()), folder)
     if not standing.is_dir():
         raise BadInput(f"{flag}: {standing} is a file, {because}.")
-    try:  # the rights that a folder states are not all: some file systems take no files, whoever asks
+    try:  # permissions do not show everything: some file systems are read-only for every user
         with TemporaryFile(dir=standing):
             pass
     except OSError:

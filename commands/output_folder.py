@@ -1,6 +1,6 @@
 """Where results go, so that nothing of another clip or another rig's twin is overwritten.
 
-Beside a measurement's pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it tells whose
+Beside a measurement's pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it shows whose
 results these are: where none is asked for, only the same rig measured from the same content comes to the same folder
 again.
 """
@@ -27,13 +27,13 @@ def results_folder(rig: str, media: Path | Sequence[Path]) -> Path:
 
 
 def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -> Measurement:
-    """Write the document that tells whose results stand in `folder`."""
+    """Write the document that shows whose results stand in `folder`."""
     from rigtwin.compare.result_files import document, write_together
 
     path = _document(folder, measurement.source)
     kept = replace(measurement, files={**measurement.files, "measurement": path})
-    told = {**kept.to_json(), "media_sha256": [measurement.source_sha256, *map(sha256, _each(media)[1:])]}
-    write_together(folder, {path.name: document(told)})
+    written = {**kept.to_json(), "media_sha256": [measurement.source_sha256, *map(sha256, _each(media)[1:])]}
+    write_together(folder, {path.name: document(written)})
     return kept
 
 
@@ -63,9 +63,9 @@ def _name(source: Path) -> str:
 def _free(folder: Path, rig: str, media: Sequence[Path]) -> bool:
     try:
         known = json.loads(_document(folder, media[0]).read_text(encoding="utf-8"))
-        told = (known["rig"], known["media_sha256"])
+        stated = (known["rig"], known["media_sha256"])
     except FileNotFoundError:
         return True
     except (ValueError, KeyError, TypeError, NotADirectoryError):  # not of ours
         return False
-    return not all(one.exists() for one in media) or told == (rig, [sha256(one) for one in media])
+    return not all(one.exists() for one in media) or stated == (rig, [sha256(one) for one in media])

@@ -23,7 +23,7 @@ JSON_QUIET = {"as_json": (Json, False), "quiet": (Quiet, False)}
 
 
 def finished(show: Callable[[Any, bool, bool], None]) -> Callable[[Command], Command]:
-    """Do a command's work under progress bars; `show` tells what came out."""
+    """Do a command's work under progress bars; `show` prints the result."""
 
     def around(own: Command, *, as_json: bool, quiet: bool) -> None:
         show(_done(own(), hidden=as_json or quiet), as_json, quiet)
@@ -83,7 +83,7 @@ def _told_by_option(names: Collection[str]) -> Iterator[None]:
 
 
 def _done(work: Work, *, hidden: bool, first: str = "") -> Any:
-    """What the work gives; `first` is told at its first progress or its end: work that is refused tells nothing."""
+    """Result of the work; `first` is printed at its first progress or its end, so refused work prints nothing."""
 
     @cache
     def tell() -> None:

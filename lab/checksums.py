@@ -1,4 +1,4 @@
-"""What a clip, photo or folder of pictures holds, as one number that tells it from any other."""
+"""What a clip, photo or folder of pictures holds, as one checksum."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def title(quantity: str) -> str:
 
 
 def siblings(detail: Mapping[str, object]) -> str:
-    """What tells a quantity from others of its name.
+    """Details that distinguish a quantity from others of its name.
 
     >>> siblings({"bounce": 1}), siblings({"body": "B"}), siblings({"side": "mean", "view": "all"})
     ('bounce 1', 'bead B', 'mean, all views')
@@ -121,7 +121,7 @@ def reading(value: float | None, std_uncertainty: float | None, unit: str) -> st
         return f"{value:.5g}{space}{sign}"
     digits = decimals(std_uncertainty)
     if value and (most := max(0, 4 - math.floor(math.log10(abs(value))))) < digits:
-        # a twin is known to a millionth; nobody reads beyond the fifth digit
+        # a twin is known to a millionth; more than five digits are not useful
         digits, std_uncertainty = most, max(std_uncertainty, 10.0**-most)
     return f"{value:.{digits}f} ± {std_uncertainty:.{digits}f}{space}{sign}"
 
@@ -157,9 +157,9 @@ def percent(value: float | None, std_uncertainty: float | None) -> str:
     if std_uncertainty is None or not math.isfinite(std_uncertainty):
         return f"{value:+.2g} %".replace("-", "−")
     digits = min(decimals(std_uncertainty), 2) if std_uncertainty > 0 else 2
-    doubt = f"± {std_uncertainty:.{digits}f}" if std_uncertainty >= 0.01 else "± <0.01"
+    plus_minus = f"± {std_uncertainty:.{digits}f}" if std_uncertainty >= 0.01 else "± <0.01"
     value = 0.0 if abs(value) < 0.5 * 10**-digits else value  # no negative zero
-    return f"{value:+.{digits}f} {doubt} %".replace("-", "−")
+    return f"{value:+.{digits}f} {plus_minus} %".replace("-", "−")
 
 
 def z_score(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""How long work tells that it goes on: a callable that is handed a stage, what is done, and the whole."""
+"""Progress of long work: a callable that receives the stage, the amount done and the total."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a measurement says: a number, its doubt, how it was got, and the checks it passed.
+"""Result of a measurement: a number, its standard uncertainty, its method, and the checks it passed.
 
 `Quantity` is one number with its standard uncertainty; `Check` one self-check; `Measurement` everything one
 repetition gave.  All three print as the JSON documents that `rigtwin measure --json` writes.
@@ -47,7 +47,7 @@ class Quantity:
     n: int = 1
     """Number of repetitions behind the value."""
     detail: dict[str, Detail] = field(default_factory=dict)
-    """What tells it from its siblings: ``bounce=1``, ``side="left"``, ``body="B"``."""
+    """What distinguishes it from others of the same name: ``bounce=1``, ``side="left"``, ``body="B"``."""
     budget: dict[str, float] = field(default_factory=dict)
     """Named parts of the standard uncertainty, in `unit`; their root sum of squares is `std_uncertainty`."""
     doubtful: str = ""
@@ -88,7 +88,7 @@ def root_sum_of_squares(budget: dict[str, float]) -> float:
 
 
 def doubted(quantity: Quantity, why: str) -> Quantity:
-    """The quantity with a reason for doubt, its uncertainty widened once: what a failed check spoils, no fit knows.
+    """Return the quantity marked doubtful, with a wider uncertainty: a fit does not know the effect of a failed check.
 
     >>> e = Quantity("restitution_wall", 0.44, 0.01, "1", "height", budget={"tracking": 0.01})
     >>> e = doubted(e, "two beads fall")
@@ -104,7 +104,7 @@ def doubted(quantity: Quantity, why: str) -> Quantity:
 
 
 def in_a_row(reasons: Iterable[str]) -> str:
-    """Reasons for doubt behind each other, each once; messages of checks are sentences and lose their full stops.
+    """Join reasons why a number is doubtful, each once; the full stops of messages are removed.
 
     >>> in_a_row(["it leans.", "", "it is dark", "it leans."])
     'it leans; it is dark'
@@ -139,8 +139,8 @@ def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str
     >>> failed([shaken], {"static_camera", "gravity"}), failed([shaken], {"gravity"})
     ('the camera shook', '')
     """
-    told = (each for each in checks if not each.passed and (among is None or each.check in among))
-    return in_a_row(check.message for check in told)
+    messages = (each for each in checks if not each.passed and (among is None or each.check in among))
+    return in_a_row(check.message for check in messages)
 
 
 class Readable:

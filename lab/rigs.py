@@ -14,7 +14,7 @@ from rigtwin.lab.errors import BadInput
 GRAVITY = 9.81  # [m/s^2]
 
 # [rad], of a pendulum's release; nearer to the top it hangs for so long that its record holds several collisions, of
-# which the first cannot be told
+# which the first cannot be identified
 UPSIDE_DOWN = math.radians(175)
 
 

@@ -696,7 +696,7 @@ def test_what_is_wrong_is_told_once(capsys):
     show_measurement(Measurement("pendulum", Path("clip.mp4"), "", (pair,), checks, warnings, camera), False, False)
     told = " ".join(capsys.readouterr().out.split())
     assert all(told.count(each) == 1 for each in (sentence, "gravity is off", "warning: the frame rate was read"))
-    assert "failed contact distance: as told above" in told
+    assert "failed contact distance: as stated above" in told
 
 
 def test_a_results_folder_that_cannot_be_made_is_refused_before_any_work(tmp_path, monkeypatch, capfd):

@@ -22,7 +22,7 @@ NO_EFFECTS: Effects = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Model:
-    """What the simulation is told of the world."""
+    """Materials, contacts and effects of a simulation."""
 
     materials: Mapping[str, Material] = field(default_factory=dict)
     particles: Mapping[str, Particle] = field(default_factory=dict)

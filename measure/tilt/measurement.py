@@ -90,6 +90,7 @@ def measure(
     gauge = gauge_of(film, camera, bead_diameter, arm_length)
 
     def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
+        """Return the record of the film at this scale, and the run and onset in it."""
         angle, track = record(film, gauge)
         way = way_down(angle, [track], variant, bead_diameter, gauge.doubt)
         return angle, track, way, *onset_of(way, str(clip))
