@@ -1,7 +1,7 @@
 """Swings of a bob on a thread, integrated from turning point to turning point for many settings at once.
 
-Between two turning points the sign of the rate is constant, so that dry friction is exact: each half swing starts at the
-moment when the last one has come to rest.
+Between two turning points the sign of the rate is constant, so that dry friction is exact: each half swing starts at
+the moment when the last one has come to rest.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ STEPS = 30  # per half swing; numerical loss of amplitude 1e-8 per step; the pat
 LEAST_RATE = 1e-3  # [rad/s], above which dry friction acts fully
 
 Push = Callable[..., Array]
-"""Angular acceleration [rad/s^2] from angle [rad] and rate [rad/s], without the sign change of dry friction at rest; for
-a driven bob also from the time [s] since its release."""
+"""Angular acceleration [rad/s^2] from angle [rad] and rate [rad/s], without the sign change of dry friction at rest;
+for a driven bob also from the time [s] since its release."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """One or two bobs on threads that swing and collide, integrated for many settings at once.
 
-Steps have a fixed length and are shortened to end at each contact.  The impact acts there; the next step starts after it.
+Steps have a fixed length and are shortened to end at each contact.  The impact acts there, before the next step.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from rigtwin.sim.reduced.hermite import hermite
 
 STEPS = 24
 LATE, LONGEST = 1.5, 8.0
-"""[steps]: length of the last step above which the time of the stop is estimated again, and its longest useful length."""
+"""[steps]: length of the last step above which the time of the stop is estimated again; its longest useful length."""
 MOST_ROUNDS = 12  # iterations for the time of the stop, each of which adds at most a third
 SLOW = 1e-3  # [m/s], below which the body counts as at rest at the start
 

@@ -229,7 +229,7 @@ class Neighbours(Pairs, RigidBodies):
 
     @ti.func
     def list_pointed(self, kept):
-        """Set the owners of pairs, and the storage for the forces on each bead from pairs that others own, in list order."""
+        """Set the owners of pairs, and the storage for forces on beads from pairs that others own, in list order."""
         live = self.counts[LIVE_LIST]
         for i in range(kept + 1):
             self.pointed_first[i] = 0
