@@ -1,4 +1,4 @@
-"""The twin of the drop test gives back gravity and the restitution that was put in."""
+"""Drop test: the track has the given gravity and restitution."""
 
 import math
 
@@ -30,7 +30,7 @@ def arcs(track, radius):
 
 @pytest.mark.parametrize("e", [0.42, 0.75, 0.9])
 @pytest.mark.parametrize("height", [0.05, 0.25])
-def test_rebounds_give_back_the_restitution_put_in(e, height):
+def test_rebounds_have_the_given_restitution(e, height):
     track = drop.run(Drop(height, bounces=3), D6, STEEL, Contact(e, 0.36, 0.06), frame_rate=2000)
     first, second = arcs(track, D6.radius)[:2]
     assert math.sqrt(first / height) == pytest.approx(e, rel=5e-3)
@@ -67,6 +67,6 @@ def test_a_long_record_ends_with_the_bead_at_rest_on_the_plate():
 @pytest.mark.parametrize(
     ("rig", "rate"), [(Drop(-0.1), 240), (Drop(math.nan), 240), (Drop(0.1, bounces=0), 240), (Drop(0.1), 0.0)]
 )
-def test_a_drop_that_cannot_be_is_refused(rig, rate):
+def test_an_impossible_drop_is_refused(rig, rate):
     with pytest.raises(BadInput, match="positive"):
         drop.run(rig, D6, STEEL, Contact(0.5), frame_rate=rate)

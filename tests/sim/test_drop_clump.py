@@ -1,4 +1,4 @@
-"""A clump that falls on a plate: conservation of energy, the impulse of an off-centre hit, mirror symmetry."""
+"""Drop test with a clump: conservation of energy, impulse of an off-centre impact, mirror symmetry."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ def first_bounce(tumble):
 
 
 @pytest.mark.parametrize("turned", [1.2, 1.4, -1.1])
-def test_an_elastic_hit_of_a_pellet_s_end_gives_what_the_impulse_says(turned):
+def test_an_elastic_impact_on_a_pellets_end_follows_the_impulse_equations(turned):
     """Without friction J = 2 v / (1/m + r^2/I) at the end sphere, r being its place along the plate."""
     tumble = fall(PELLET, turned, restitution=1.0, static_friction=0.0, rolling_friction=0.0)
     _, after, spin, _ = first_bounce(tumble)
@@ -38,11 +38,11 @@ def test_an_elastic_hit_of_a_pellet_s_end_gives_what_the_impulse_says(turned):
     along = int(np.argmax(np.ptp(offsets, axis=0)))
     assert along == 0
     ends = offsets[:, 0]
-    lever = float(np.max(ends)) * math.cos(turned) * (1 if turned > 0 else -1)  # the end that hangs lower hits
+    lever = float(np.max(ends)) * math.cos(turned) * (1 if turned > 0 else -1)  # the lower end hits
     inertia = PELLET.moments[1] / PELLET.mass
     hit = -math.sqrt(2 * GRAVITY * HEIGHT)
     impulse = -2 * hit / (1 + lever**2 / inertia)  # per mass
-    # the frames beside the hit are up to a millisecond of gravity off
+    # frames next to the impact differ from it by up to a millisecond of gravity
     assert after[2] == pytest.approx(hit + impulse, abs=0.02)
     assert spin[1] == pytest.approx(-impulse * lever / inertia, rel=0.01)
     assert np.abs(after[:2]).max() < 1e-6
@@ -50,7 +50,7 @@ def test_an_elastic_hit_of_a_pellet_s_end_gives_what_the_impulse_says(turned):
 
 
 @pytest.mark.parametrize("particle", [PELLET, CUBE], ids=lambda particle: particle.name)
-def test_without_loss_the_energy_stays_and_with_it_none_is_made(particle):
+def test_energy_is_conserved_without_damping_and_never_gained_with_it(particle):
     def energy(tumble, k):
         moments = np.array(particle.moments) / particle.mass
         assert np.ptp(moments) < 1e-3 * moments[0] or np.abs(tumble.spin[k, [0, 2]]).max() < 1e-6
@@ -63,14 +63,14 @@ def test_without_loss_the_energy_stays_and_with_it_none_is_made(particle):
     assert 0 < energy(real, len(real.spin) - 1) < 0.9 * GRAVITY * HEIGHT
 
 
-def test_turned_the_other_way_it_leaves_to_the_other_side():
+def test_the_mirrored_orientation_rebounds_to_the_other_side():
     one, other = (fall(CUBE, turned, bounces=1) for turned in (0.3, -0.3))
     assert one.front.position[:, 0] == pytest.approx(-other.front.position[:, 0], abs=1e-6)
     assert one.front.position[:, 1] == pytest.approx(other.front.position[:, 1], abs=1e-6)
     assert abs(one.front.position[-1, 0]) > 5e-3
 
 
-def test_a_face_that_lands_flat_goes_straight_up():
+def test_a_clump_landing_flat_rebounds_vertically():
     tumble = fall(CUBE, 0.0, restitution=0.6)
     assert np.abs(tumble.front.position[:, 0]).max() < 1e-6
     assert np.abs(tumble.spin).max() < 1e-3
@@ -84,19 +84,19 @@ def test_two_views_give_the_speed_in_all_directions(seed, frame_rate):
     before, after, _, k = first_bounce(tumble)
     quantities = ruler.evaluate(tumble.front, side=tumble.side).quantities
     seen = {q.method: q for q in quantities if q.quantity == "restitution_wall" and q.detail["bounce"] == 1}
-    # speeds where the flights meet, as far from the frames beside the bounce as gravity takes them there
+    # speeds at the intersection of the flights, extrapolated under gravity from the frames next to the bounce
     flight = tumble.front.time[k + 1] - tumble.front.time[k]
     hit = math.sqrt(2 * GRAVITY * HEIGHT)
     up = after[2] + GRAVITY * (flight - (hit + before[2]) / GRAVITY)
-    told = math.hypot(up, *after[:2]) / hit
-    assert seen["all directions"].value == pytest.approx(told, abs=0.01)
+    expected = math.hypot(up, *after[:2]) / hit
+    assert seen["all directions"].value == pytest.approx(expected, abs=0.01)
     assert not seen["all directions"].doubtful
     assert seen["velocity"].value == pytest.approx(up / hit, abs=0.01)
     assert seen["all directions"].value > seen["velocity"].value + 0.01
     assert seen["height"].doubtful
 
 
-def test_the_seed_turns_it_and_one_seed_always_alike():
+def test_the_seed_determines_the_orientation():
     first, again, other = (fall(PELLET, seed=seed) for seed in (1, 1, 2))
     assert np.array_equal(first.front.position, again.front.position)
     assert first.lowest != other.lowest
@@ -110,7 +110,7 @@ def test_a_rebound_away_from_the_viewer_makes_its_height_doubtful_too():
     assert all(q.doubtful for q in quantities if q.method == "height" and q.detail.get("bounce"))
 
 
-def test_a_fall_that_the_frame_rate_hardly_sees_is_refused():
+def test_a_fall_of_too_few_frames_is_refused():
     with pytest.raises(BadInput, match="give at least 35 Hz"):
         fall(CUBE, frame_rate=30)
 

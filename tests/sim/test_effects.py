@@ -36,7 +36,7 @@ OWN = Effect(
     parameters=(Parameter("force", "N", 0.0, 1.0, 1e-4),), equation="F = c", source="", force=steady_lift,
 )  # fmt: skip
 
-# one set of effects for all tests, those not asked for switched off by their value: one compilation
+# one set of effects for all tests, so that there is one compilation; unused ones are switched off by their value
 NEUTRAL = {
     "air_drag": "drag_coefficient", "air_drag_schiller_naumann": "multiplier", "buoyancy": "multiplier",
     "pivot_viscous": "damping", "pivot_friction": "moment", "restitution_viscoelastic": "share",
@@ -46,7 +46,7 @@ NEUTRAL = {
 
 
 def only(name: str, value: float | None = None):
-    """The one effect, among others of strength nought."""
+    """The effect together with others of zero strength."""
     strengths = {effect: {NEUTRAL[effect]: 0.0} for effect in NEUTRAL}
     strengths[name] = {} if value is None else {NEUTRAL[name]: value}
     return [active(OWN if effect == OWN.name else effect, **given) for effect, given in strengths.items()]
@@ -60,7 +60,7 @@ def reynolds_drag(speed: float) -> float:
     return 0.5 * 1.2 * coefficient * math.pi * BALL.radius**2 * speed**2
 
 
-def test_a_bead_in_quadratic_drag_falls_as_the_closed_form_says():
+def test_a_bead_in_quadratic_drag_follows_the_closed_form():
     terminal = math.sqrt(2 * BALL.mass * G / (1.2 * 0.5 * math.pi * BALL.radius**2))
     times = np.linspace(0.05, 1.5, 30)
     motion = run([Body(BALL, (0, 0, 10))], times, effects=only("air_drag", 0.5))
@@ -117,7 +117,7 @@ def test_dry_pivot_friction_takes_the_same_angle_from_every_swing():
     (only("plate_compliance", 20.0), lambda v: 0.6 * math.exp(-1.72 * 20 * 0.005 * 0.57**0.6 * v**0.2)),
 ])  # fmt: skip
 @pytest.mark.parametrize("speed", [0.2, 0.8, 3.0])
-def test_the_restitution_set_for_a_speed_comes_out_at_that_speed(effect, law, speed):
+def test_an_effects_restitution_is_reproduced_at_its_impact_speed(effect, law, speed):
     wall = Wall(FLOOR, PLATE, Contact(0.6))
     bead = Particle("D6", Material("ash", 570, 11e9, 0.44), 6e-3)
     body = Body(bead, (0, 0, bead.radius + 1e-5), velocity=(0, 0, -speed))
@@ -125,7 +125,7 @@ def test_the_restitution_set_for_a_speed_comes_out_at_that_speed(effect, law, sp
     assert motion.velocity[0, 0, 2] / speed == pytest.approx(law(speed), rel=5e-3)
 
 
-def test_two_beads_part_with_the_restitution_of_their_speed():
+def test_two_beads_rebound_with_the_restitution_of_their_speed():
     bodies = [Body(SOFT, (0, 0, 0), velocity=(2.0, 0, 0)), Body(SOFT, (SOFT.diameter + 1e-5, 0, 0))]
     motion = run(
         bodies, np.array([5e-3]), contacts=Contact(0.7), gravity=WEIGHTLESS, effects=only("restitution_plastic", 0.2)
@@ -136,7 +136,7 @@ def test_two_beads_part_with_the_restitution_of_their_speed():
 
 
 def pulled_off(effects, force: float, overlap: float) -> bool:
-    """Whether a soft bead that sits `overlap` [m] deep in the floor is drawn off by a pull of this size [N]."""
+    """Whether a force `pull` [N] separates a soft bead from the floor, from an `overlap` [m]."""
     wall = Wall(FLOOR, RUBBER, Contact(0.2))
     body = Body(SOFT, (0, 0, SOFT.radius - overlap))
     gravity = (0.0, 0.0, force / SOFT.mass)
@@ -144,7 +144,7 @@ def pulled_off(effects, force: float, overlap: float) -> bool:
     return bool(motion.position[0, 0, 2] > 1.05 * SOFT.radius)
 
 
-def test_jkr_holds_with_three_halves_pi_w_r():
+def test_the_pull_off_force_of_jkr_is_three_halves_pi_w_r():
     work = 0.1
     limit = 1.5 * math.pi * work * SOFT.radius
     assert not pulled_off(only("adhesion_jkr", work), 0.9 * limit, 1e-7)
@@ -164,7 +164,7 @@ def test_jkr_force_and_neck_are_those_of_the_parametric_form():
     assert -overlap.min() == pytest.approx(effect.neck(radius, modulus, work), rel=1e-4)
 
 
-def test_sjkr_holds_with_the_force_of_its_closed_form():
+def test_the_pull_off_force_of_sjkr_is_that_of_its_closed_form():
     density = 4e3
     modulus = 1 / (2 * (1 - 0.3**2) / 1e6)
     root = math.pi * density * math.sqrt(SOFT.radius) / modulus  # of the overlap at the largest pull
@@ -173,13 +173,13 @@ def test_sjkr_holds_with_the_force_of_its_closed_form():
     assert pulled_off(only("cohesion_sjkr", density), 1.05 * limit, 1.4 * root**2)
 
 
-def test_a_users_own_force_takes_part():
+def test_a_users_own_force_acts():
     motion = run([Body(BALL, (0, 0, 10))], np.array([0.5]), effects=only("steady_lift", 1e-4))
     assert motion.velocity[0, 0, 2] == pytest.approx(0.5 * (1e-4 / BALL.mass - G), rel=1e-9)
 
 
-def test_a_force_with_a_side_of_its_own_pushes_a_straight_fall_there_and_turns_no_other_way():
-    """A steady push along x and one across the velocity, against SciPy; a bead thrown along y feels no other push."""
+def test_a_force_with_a_fixed_direction_deflects_a_vertical_fall_in_that_direction():
+    """A constant force along x and one across the velocity, against SciPy; also for a bead thrown along y."""
     push, turn = 0.5, 0.3
 
     def fall(_, state):
@@ -195,7 +195,7 @@ def test_a_force_with_a_side_of_its_own_pushes_a_straight_fall_there_and_turns_n
         assert motion.velocity[0, body] == pytest.approx((wanted[2], float(body), wanted[3]), rel=1e-5, abs=1e-9)
 
 
-def test_a_torque_with_a_side_of_its_own_moves_a_bob_at_rest_there_and_back():
+def test_a_torque_with_a_fixed_direction_makes_a_bob_at_rest_swing():
     length, push = 0.2, 3.0
 
     def swing(_, state):
@@ -223,7 +223,7 @@ def three_pulls(overlap, radius, modulus, a, b, c):
 
 
 def with_parameters(count: int, **hooks):
-    """An effect of one's own with so many parameters."""
+    """A user's own effect with this number of parameters."""
     parameters = tuple(Parameter("abcd"[k], "N", 0.0, 1.0, 1e-4) for k in range(count))
     return Effect(
         name=f"own_{count}", title="own", kind="physical", rigs=("drop",), parameters=parameters, equation="",
@@ -231,8 +231,8 @@ def with_parameters(count: int, **hooks):
     )  # fmt: skip
 
 
-def test_an_effect_may_have_any_number_of_parameters_and_none_is_left_out():
-    pull = 0.4 * (2 * BALL.mass * G / 3 - 1e-4)  # of what is left of the weight: two of three do not hold it
+def test_an_effect_may_have_any_number_of_parameters_and_all_are_used():
+    pull = 0.4 * (2 * BALL.mass * G / 3 - 1e-4)  # of the remaining weight: two of three do not carry it
     effects = [
         active(with_parameters(0, force=a_third)),
         active(with_parameters(4, force=four_lifts), a=1e-5, b=2e-6, c=3e-7, d=4e-8),
@@ -338,12 +338,12 @@ def test_restitution_in_the_bulk_is_that_of_the_speed_at_walls_and_between_beads
 
 
 def after_sticking(speed: float, work: float, radius: float, mass: float, modulus: float) -> float:
-    """Speed [m/s] left of an elastic impact that must tear the contact off (Thornton and Ning 1998, eq. 57)."""
+    """Rebound speed [m/s] of an elastic impact with adhesion (Thornton and Ning 1998, eq. 57)."""
     energy = 7.09 * (work**5 * radius**4 / modulus**2) ** (1 / 3)
     return math.sqrt(speed**2 - 2 * energy / mass)
 
 
-def test_tearing_off_costs_what_jkr_says_alone_and_in_the_bulk_at_walls_and_between_beads():
+def test_pull_off_costs_the_energy_of_jkr_in_both_engines_at_walls_and_between_beads():
     work, speed, gap = 0.1, 0.05, 1e-6
     effects = only("adhesion_jkr", work)
     floor = [Wall(FLOOR, RUBBER, Contact(1.0))]
@@ -365,8 +365,8 @@ def test_tearing_off_costs_what_jkr_says_alone_and_in_the_bulk_at_walls_and_betw
         assert found[2, 0] - found[1, 0] == pytest.approx(of_pair, rel=0.01)
 
 
-def test_what_drag_takes_from_a_falling_bead_is_in_the_books():
-    # over some hundred lists: each hands the work on to the next
+def test_the_work_of_drag_on_a_falling_bead_is_in_the_energy_balance():
+    # over some hundred lists, each of which passes the work on to the next
     terminal = math.sqrt(2 * BALL.mass * G / (1.2 * 0.5 * math.pi * BALL.radius**2))
     bed = bulk(BALL, only("air_drag", 0.5), time_step=2e-5)
     bed.add(np.array([[0.0, 0.0, 5.0]]))
@@ -381,7 +381,7 @@ def test_what_drag_takes_from_a_falling_bead_is_in_the_books():
     assert books.total - begun.total == pytest.approx(books.in_flight - begun.in_flight, rel=1e-4)
 
 
-def test_buoyancy_does_the_work_of_the_air_that_is_pushed_aside():
+def test_the_work_of_buoyancy_is_that_of_the_displaced_air():
     bed = bulk(BALL, only("steady_lift", 2e-4), time_step=2e-5)
     bed.add(np.array([[0.0, 0.0, 5.0]]))
     bed.run(10_000)
@@ -390,7 +390,7 @@ def test_buoyancy_does_the_work_of_the_air_that_is_pushed_aside():
 
 
 @pytest.mark.parametrize(("effect", "value"), [("cohesion_sjkr", 1e4), ("adhesion_jkr", 0.1)])
-def test_the_budget_closes_while_elastic_beads_pull_each_other(effect, value):
+def test_the_budget_closes_while_elastic_beads_attract_each_other(effect, value):
     speed, gap, far = 0.05, 1e-6, 0.5
     floor = [Wall(FLOOR, RUBBER, Contact(1.0))]
     bed = bulk(SOFT, only(effect, value), floor, WEIGHTLESS, 1e-6, restitution=1.0)
@@ -407,8 +407,8 @@ def test_the_budget_closes_while_elastic_beads_pull_each_other(effect, value):
     assert [b.total for b in pulling] == pytest.approx([begun] * len(pulling), rel=5e-3)
 
 
-def test_the_pull_of_a_neck_on_a_wall_that_moves_is_in_the_books():
-    # a floor that sinks, fast enough to stretch the neck and too slow to tear it, gives the bead what the books gain
+def test_the_work_of_a_moving_wall_through_a_neck_is_in_the_energy_balance():
+    # a sinking floor stretches the neck without breaking it; its work is the gain in the energy balance
     floor = Wall(FLOOR, RUBBER, Contact(1.0), Motion(velocity=(0, 0, -2e-3)))
     bed = bulk(SOFT, only("adhesion_jkr", 0.1), [floor], WEIGHTLESS, 1e-6, restitution=1.0)
     bed.add(np.array([[0, 0, SOFT.radius - 1e-9]]))
@@ -425,14 +425,14 @@ def test_the_pull_of_a_neck_on_a_wall_that_moves_is_in_the_books():
     assert [b.total - begun.total for b in books] == pytest.approx(work, abs=0.01 * np.ptp(work))
 
 
-def test_what_was_torn_off_in_the_last_move_is_in_the_books_no_more():
-    # so fast that a single step takes bead and floor, and the two beads, out of each other's reach
+def test_contacts_broken_in_the_last_move_are_not_in_the_energy_balance():
+    # so fast that a single step separates bead and floor, and the two beads, beyond the neck
     speed, floor = 200.0, [Wall(FLOOR, RUBBER, Contact(1.0))]
     bed = bulk(SOFT, only("adhesion_jkr", 0.1), floor, WEIGHTLESS, 1e-6, restitution=1.0)
     place = np.array([[0, 0, SOFT.radius - 1e-6], [0.5, 0, 0.5], [0.5 + SOFT.diameter - 1e-6, 0, 0.5]])
     bed.add(place, np.array([[0, 0, speed], [0, 0, 0], [speed, 0, 0]]))
     bed.run(1)
-    assert bed.contacts == 1  # forces were worked out before the move
+    assert bed.contacts == 1  # forces were computed before the move
     books = bed.budget()
     assert (books.contacts, books.wall_contacts, books.adhesive) == (0, 0, 0.0)
 
@@ -445,8 +445,8 @@ def test_a_slow_bead_stays_stuck():
     assert abs(bed.beads().position[0, 2] - SOFT.radius) < 1e-5
 
 
-def test_a_formula_found_in_residuals_acts_in_the_engine_as_the_effect_that_it_describes():
-    # a drag of k v|v| per mass falls as the closed form says; the others are compiled along and switched off
+def test_a_formula_found_in_residuals_acts_in_the_engine_as_the_equivalent_effect():
+    # a drag of k v|v| per mass falls as the closed form says; the others are compiled too and switched off
     k = 0.3
     effects = [active("form:v|v|", c=-k), active("form:near_20mm", c=0.0), active("form:e~bump", c=0.0)]
     effects += [active("form:band", c=0.0, low=0.1, high=0.2), active("form:decay_sideways", c=0.0, reach=0.04)]
@@ -457,6 +457,6 @@ def test_a_formula_found_in_residuals_acts_in_the_engine_as_the_effect_that_it_d
 
 
 @pytest.mark.parametrize(("name", "says"), [("form:place", "no twin carries"), ("form:wish", "no formula")])
-def test_a_formula_that_no_twin_carries_is_refused(name, says):
+def test_a_formula_that_no_simulation_implements_is_refused(name, says):
     with pytest.raises(BadInput, match=says):
         active(name)

@@ -1,4 +1,4 @@
-"""Parameters for other codes: the same torques and the same rebound in their conventions."""
+"""Export to other codes: the same torques and the same restitution in their conventions."""
 
 import json
 import math
@@ -39,7 +39,7 @@ def test_no_coefficient_gives_unequal_spheres_two_torques_where_they_feel_one():
 
 
 @given(restitution=st.floats(0.22, 1))
-def test_liggghts_gets_the_restitution_whose_usual_damping_is_ours(restitution):
+def test_the_restitution_for_liggghts_gives_our_damping_ratio(restitution):
     made = export("liggghts", D6, STEEL, Contact(restitution), ON_STEEL)
     there = made.between.restitution
     usual = -math.log(there) / math.hypot(math.pi, math.log(there))

@@ -1,4 +1,4 @@
-"""The twins of the discharge tests: nothing is lost, and the flow follows the laws of hoppers."""
+"""Discharge tests: no bead is lost, and the flow follows the laws of hoppers."""
 
 import math
 from dataclasses import replace
@@ -44,14 +44,14 @@ def test_every_bead_is_inside_or_out_and_the_mass_only_falls(cone):
     mass = cone.mass_left
     assert (mass.value[0], mass.value[-1]) == (pytest.approx(250 * D6.mass), 0.0)
     assert np.all(np.diff(mass.value) <= 0)
-    # the series and the times of single beads tell the same
+    # the series and the times of single beads agree
     for when, left in zip(mass.time, mass.value, strict=True):
         assert left == pytest.approx(D6.mass * (cone.outlet_times > when).sum(), abs=1e-12)
     assert cone.discharge_time == cone.outlet_times[-1]
 
 
 def test_no_bead_leaves_faster_than_it_could_fall(cone):
-    # the topmost bead falls from above the highest level that the bed can have
+    # bound: a free fall from the highest possible level of the bed
     assert cone.discharge_time > math.sqrt(2 * 0.02 / G)
     assert cone.outlet_times[0] < 0.1
 
@@ -90,7 +90,7 @@ def test_the_flow_of_a_slot_follows_beverloos_law_of_slots():
     # runs scatter by 5 percent, ratios of two means of two by as much; k of beads in a wedge may be as small as 1
     wider = flows[0.04, 0.05] / flows[0.03, 0.05]
     assert law(0.04, 1, 1, 1.0) / law(0.03, 1, 1, 1.0) / 1.1 < wider < 1.1 * law(0.04, 1, 1, 1.6) / law(0.03, 1, 1, 1.6)
-    # plates that close its ends take no more from a slot than edges would
+    # end plates reduce the flow of a slot no more than edges would
     longer = flows[0.03, 0.1] / flows[0.03, 0.05]
     assert 2.0 / 1.1 < longer < 1.1 * law(0.03, 0.1, 1, 1.6) / law(0.03, 0.05, 1, 1.6)
 
@@ -105,14 +105,14 @@ def test_an_outlet_of_two_beads_is_blocked_and_the_result_says_so():
     assert any("arch over the outlet, which is 8.5 mm or 1.4 of their" in warning for warning in blocked.warnings)
 
 
-def test_beads_that_lie_around_an_outlet_do_not_arch_over_it():
+def test_beads_lying_around_an_outlet_do_not_count_as_an_arch():
     flat = emptied(replace(CONE, cone_height=1e-3, outlet=0.035), count=120)
     assert flat.remaining > 10
     assert not flat.arched
-    assert not emptied(count=60, duration=0.1).arched  # the last are still on their way
+    assert not emptied(count=60, duration=0.1).arched  # the last beads are still falling
 
 
-def test_below_the_slot_lies_what_was_in_it(slot):
+def test_all_beads_of_the_slot_hopper_lie_below_it(slot):
     assert slot.emptied == 150
     assert len(slot.centres) == 150
     assert slot.centres[:, 2].max() < 0
@@ -136,7 +136,7 @@ def test_clumps_leave_a_hopper_as_whole_particles():
 
 def test_energy_closes_and_beads_hardly_overlap(cone, slot):
     for made in (cone, slot):
-        assert made.statistics["largest_overlap"] < 0.07  # beads a third as stiff as is usual
+        assert made.statistics["largest_overlap"] < 0.07  # a third of the usual stiffness
         assert not any("budget" in warning for warning in made.warnings)
 
 
@@ -156,7 +156,7 @@ def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(broken_off, c
     assert np.array_equal(again.mass_left.value, cone.mass_left.value)
 
 
-def test_the_flow_of_beads_that_come_at_even_times_is_theirs():
+def test_the_flow_rate_of_evenly_spaced_times_is_exact():
     assert hopper.steady_flow(np.arange(200) / 50, 200, 1e-3) == pytest.approx(0.05)
     assert hopper.steady_flow(np.arange(5) / 50, 200, 1e-3) is None
 
@@ -173,6 +173,6 @@ def test_the_flow_of_beads_that_come_at_even_times_is_theirs():
         (Hopper(0.02, "slot", inclination=0.0), {}, "inclination"),
     ],
 )
-def test_a_hopper_that_cannot_be_is_refused(rig, more, message):
+def test_an_impossible_hopper_is_refused(rig, more, message):
     with pytest.raises(BadInput, match=message):
         emptied(rig, **more)

@@ -1,4 +1,4 @@
-"""A bed in a cylinder: what went in is in it, it packs as spheres do, and its height is that of its surface."""
+"""Packing: all particles are in the bed, its packing fraction is that of spheres, its height that of the surface."""
 
 import json
 import math
@@ -34,7 +34,7 @@ def bed() -> packing.Bed:
 
 
 def solid_between(bed: packing.Bed, low: float, high: float) -> float:
-    """Part of the cylinder that spheres fill between two heights, by their caps."""
+    """Packing fraction [1] between two heights, from spherical caps."""
     z, r = bed.centres[:, 2], bed.radii
     a, b = np.clip(low - z, -r, r), np.clip(high - z, -r, r)
     volume = math.pi * (r**2 * (b - a) - (b**3 - a**3) / 3)
@@ -54,7 +54,7 @@ def test_volume_is_conserved(bed):
     whole = math.pi / 4 * bed.cylinder_diameter**2 * bed.height
     assert bed.bulk_density * whole == pytest.approx(180 * BEAD.mass)
     assert bed.packing_fraction == pytest.approx(bed.bulk_density / BEAD.effective_density)
-    # what the spheres fill from the bottom to the top is all of them
+    # from bottom to top the filled volume is that of all spheres
     assert solid_between(bed, -0.001, 0.06) * math.pi / 4 * 0.04**2 * 0.061 == pytest.approx(bed.solid)
 
 
@@ -86,14 +86,14 @@ def test_the_seed_decides(bed):
     assert not np.array_equal(poured(count=20, seed=5).centres, poured(count=20).centres)
 
 
-def test_beads_that_come_seconds_apart_are_all_waited_for():
+def test_a_slow_pour_ends_with_the_last_bead():
     slow = poured(count=2, pour_rate=0.4)
     assert slow.placed == 2
     assert slow.assumptions["pour_rate"] == "0.4 particles per second (as given)"
     assert not [words for words in slow.warnings if "found room" in words]
 
 
-def test_pellets_pour_turned_at_random_and_keep_their_shape():
+def test_pellets_pour_with_random_orientation_and_keep_their_shape():
     pellet = clumped("pellet", ASH, row(3, 2e-3, 2e-3), mass=60e-6)
     bed = poured(pellet, count=30)
     assert bed.missed == 0
@@ -124,23 +124,23 @@ def test_the_time_per_particle_adds_up_over_a_run_that_was_stopped(monkeypatch, 
     with pytest.raises(KeyError):
         poured(progress=a_second_each_look(7), **kept)
     again = poured(progress=a_second_each_look(), **kept)
-    # what passed between the last checkpoint and the stop is lost
+    # processor time between the last checkpoint and the stop is lost
     assert whole.computing - 1 <= again.computing <= whole.computing
     assert again.seconds_per_particle == again.computing / 180
-    clock[0] += 1000.0  # between two processes none of it is the run's
+    clock[0] += 1000.0  # time between two processes does not count
     assert poured(**kept).computing == pytest.approx(again.computing, abs=1.0)
 
 
-def test_the_command_tells_the_time_per_particle(tmp_path, capfd):
+def test_the_command_prints_the_time_per_particle(tmp_path, capfd):
     from rigtwin.cli import run
 
     command = (
         "simulate packing --cylinder-diameter 40mm --cylinder-height 50mm --count 60 --threads 1 --pour-rate 900/s"
     )
     assert run([*command.split(), "--out", str(tmp_path)]) == 0
-    (told,) = [line for line in capfd.readouterr().out.splitlines() if line.startswith("computing:")]
+    (printed,) = [line for line in capfd.readouterr().out.splitlines() if line.startswith("computing:")]
     each = json.loads((tmp_path / "quantities.json").read_text())["settings"]["seconds_per_particle"]
-    assert told == f"computing: {each:.3g} s of processor time per particle"
+    assert printed == f"computing: {each:.3g} s of processor time per particle"
 
 
 def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
@@ -155,16 +155,16 @@ def test_a_hopper_with_a_slide_fills_the_cylinder_as_a_rain_does(bed):
 
 
 @pytest.mark.parametrize("settle_limit", [0.02, 4.0])
-def test_particles_that_arch_over_the_outlet_of_a_hopper_are_no_spill(settle_limit):
+def test_particles_arching_over_the_outlet_are_not_counted_as_missed(settle_limit):
     rig = replace(RIG, hopper_diameter=0.06, outlet_diameter=2 * BEAD.diameter)
     limits = {"fill_limit": 0.5, "settle_limit": settle_limit}
     jammed = packing.run(rig, BEAD, PMMA, BEADS, GLASS, count=60, seed=4, threads=1, **limits)
     assert jammed.arched
     assert jammed.stuck > 40
     assert jammed.missed == 0
-    (told,) = [warning for warning in jammed.warnings if "arch over the outlet" in warning]
-    assert told.startswith(f"{jammed.stuck} of 60 particles")
-    assert told.endswith("or 2 of their diameters wide; give a wider --outlet-diameter")
+    (said,) = [warning for warning in jammed.warnings if "arch over the outlet" in warning]
+    assert said.startswith(f"{jammed.stuck} of 60 particles")
+    assert said.endswith("or 2 of their diameters wide; give a wider --outlet-diameter")
     assert not any("did not stay" in warning for warning in jammed.warnings)
 
 
@@ -186,7 +186,7 @@ def test_impossible_beds_are_refused(rig, more, words):
 
 
 @pytest.mark.parametrize("law", ["Hertz-Mindlin", "linear"])
-def test_a_bead_at_rest_sinks_in_as_far_as_the_law_of_its_contacts_lets_it(law):
+def test_the_overlap_of_a_bead_at_rest_follows_its_contact_law(law):
     factor, speed = 1e-3, 0.3
     one = poured(count=1, settle_limit=2.0, stiffness_factor=factor, contact_law=law, impact_speed=speed)
     moduli = [factor * body.youngs_modulus / (1 - body.poisson_ratio**2) for body in (ASH, PMMA)]
@@ -208,7 +208,7 @@ SOFT_ASH, SOFT_PMMA = ASH.softened(1e-3), PMMA.softened(1e-3)
 
 
 def borne_by_the_floor(count: int, wall_friction: float) -> tuple[float, float]:
-    """Part of a bed's weight that the floor of a narrow cylinder bears, and the bed's height [m].
+    """Share of a bed's weight on the floor of a narrow cylinder [1], and the bed's height [m].
 
     The floor sinks slowly by a tenth of a diameter, so that friction holds the bed up wherever it can: Janssen's case.
     """
@@ -245,12 +245,12 @@ def borne_by_the_floor(count: int, wall_friction: float) -> tuple[float, float]:
     return np.mean(forces) / (count * soft.mass * 9.81), float(beads.position[:, 2].max() + soft.radius - floor)
 
 
-def test_a_smooth_cylinder_leaves_the_whole_weight_to_its_floor():
+def test_the_floor_of_a_smooth_cylinder_carries_the_whole_weight():
     assert borne_by_the_floor(84, wall_friction=0.0)[0] == pytest.approx(1.0, rel=0.02)
 
 
-def test_a_rough_cylinder_bears_its_bed_as_janssen_says():
-    # the floor bears m g (1 - exp(-h / l)) l / h with l = D / (4 mu K); K lies between Rankine's active 0.3 and a
+def test_a_rough_cylinder_carries_its_bed_as_janssen_predicts():
+    # the floor carries m g (1 - exp(-h / l)) l / h with l = D / (4 mu K); K lies between Rankine's active 0.3 and a
     # liquid's 1
     def law(height, k):
         reach = NARROW / (4 * 0.5 * k)
@@ -259,6 +259,6 @@ def test_a_rough_cylinder_bears_its_bed_as_janssen_says():
     found = [borne_by_the_floor(count, wall_friction=0.5) for count in (42, 84, 150)]
     for share, height in found:
         assert law(height, 1.0) < share < law(height, 0.3)
-    # it saturates: of the upper half's weight hardly half comes down
+    # saturation: less than about half of the upper half's weight reaches the floor
     (low, _), (high, _) = found[0], found[-1]
     assert 150 * high - 42 * low < 0.5 * (150 - 42)

@@ -1,4 +1,4 @@
-"""The twin of the double pendulum: energy in the swing, restitution in the collision."""
+"""Double pendulum: energy in the swing, restitution in the collision."""
 
 import math
 
@@ -29,7 +29,7 @@ def rise(track, part):
 
 @settings(max_examples=10, deadline=None)
 @given(e=st.floats(0.3, 1.0), degrees=st.floats(15, 80), length=st.floats(0.1, 0.5))
-def test_the_collision_gives_back_the_restitution_put_in(e, degrees, length):
+def test_the_collision_has_the_given_restitution(e, degrees, length):
     rig = Pendulum(length, math.radians(degrees))
     a, b = pendulum.run(rig, D12, Contact(e, 0.45, 0.04), frame_rate=1000)
     after = slice(int(np.argmax(b.position[:, 1] > 1e-6)), None)
@@ -85,13 +85,13 @@ def test_the_tracks_end_after_the_rebound_and_before_the_next_collision():
 @pytest.mark.parametrize(
     "rig", [Pendulum(-0.2, 0.5), Pendulum(0.2, 0.0), Pendulum(0.2, 4.0), Pendulum(0.2, 0.5, variant="wall")]
 )
-def test_a_pendulum_that_cannot_be_is_refused(rig):
+def test_an_impossible_pendulum_is_refused(rig):
     with pytest.raises(BadInput):
         pendulum.run(rig, D12, Contact(0.73), frame_rate=240)
 
 
-def test_rods_with_mass_swing_faster_and_hit_alike():
-    """A uniform rod M: omega^2 = g/L (m + M/2) / (m + M/3) (compound pendulum); the restitution does not hang on it."""
+def test_rods_with_mass_swing_faster_with_the_same_restitution():
+    """A uniform rod M: omega^2 = g/L (m + M/2) / (m + M/3) (compound pendulum); the restitution does not change."""
     bead, rod, length = D12, 0.8 * D12.mass, 0.3
 
     def swings(rod_mass):
@@ -114,7 +114,7 @@ def test_rods_may_be_so_heavy_that_the_contact_is_longer_than_a_step_of_the_swin
 
 
 @pytest.mark.parametrize("e", [0.2, 0.6, 0.9])
-def test_a_cube_gives_the_wall_s_restitution_back(e):
+def test_a_cube_rebounds_from_the_wall_with_the_given_restitution(e):
     cube = hlosta2020.particle("C6_24s")
     rig = Pendulum(0.3, math.radians(40), variant="wall")
     (track,) = pendulum.run(rig, cube, Contact(e, 0.5, 0.1), frame_rate=1000, wall=hlosta2020.material("steel"))
@@ -123,7 +123,7 @@ def test_a_cube_gives_the_wall_s_restitution_back(e):
     assert track.position[:, 0].max() == pytest.approx(-3.1e-3, abs=1e-3)  # half its width in front of the wall
 
 
-def test_what_no_pendulum_of_this_kind_can_be_is_refused():
+def test_settings_that_contradict_the_variant_are_refused():
     with pytest.raises(BadInput, match="is a clump"):
         pendulum.run(Pendulum(0.3, 0.5), hlosta2020.particle("C6_24s"), Contact(0.5), frame_rate=240)
     with pytest.raises(BadInput, match="a string has no mass"):

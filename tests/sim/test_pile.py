@@ -1,4 +1,4 @@
-"""The twin of the piling test: a heap that rests, is round, and says what was assumed."""
+"""Pile tests: the heap rests, is round, and the result states what was assumed."""
 
 from dataclasses import replace
 from functools import partial
@@ -32,7 +32,7 @@ def heap() -> pile.Heap:
     return pile.run(BOWL, D6, STEEL, BEADS, BASE, count=150, seed=3, threads=1)
 
 
-def test_the_heap_rests_and_no_bead_is_lost_from_the_books(heap):
+def test_the_heap_rests_and_all_beads_are_accounted_for(heap):
     assert heap.at_rest
     assert (heap.asked, heap.placed) == (150, 150)
     assert len(heap.centres) + heap.fallen == 150
@@ -40,28 +40,30 @@ def test_the_heap_rests_and_no_bead_is_lost_from_the_books(heap):
     assert heap.warnings == ()
 
 
-def test_beads_lie_on_the_base_and_hardly_in_each_other(heap):
+def test_beads_lie_on_the_base_and_hardly_overlap(heap):
     gaps = np.linalg.norm(heap.centres[:, None] - heap.centres, axis=2) + np.eye(len(heap.centres))
     assert gaps.min() > 2 * D6.radius * (1 - 0.02)
     assert heap.centres[:, 2].min() > D6.radius * (1 - 0.02)
     assert np.hypot(heap.centres[:, 0], heap.centres[:, 1]).max() < BOWL.base_diameter / 2 + D6.radius
 
 
-def test_the_heap_stands_in_the_middle_and_higher_than_its_rim(heap):
+def test_the_heap_is_centred_and_higher_than_its_rim(heap):
     assert np.abs(heap.centres[:, :2].mean(axis=0)) == pytest.approx([0, 0], abs=D6.radius / 2)
     middle = np.hypot(heap.centres[:, 0], heap.centres[:, 1]) < 0.008
-    # a third layer or more; how many depends on where single beads happen to land
+    # a third layer or more; their number depends on where single beads land
     assert heap.centres[middle, 2].max() > BOWL.rim_height + D6.radius
 
 
 def test_heaps_are_alike_on_both_sides_and_from_all_views_within_their_scatter():
     wide = replace(BOWL, base_diameter=0.07)
     angles: dict[str, list[list[float]]] = {"left": [], "right": [], "mean": []}  # [deg], heap by heap, view by view
-    apart = []  # left less right, in their uncertainties
+    apart = []  # left minus right, in standard uncertainties
     for seed in (1, 2, 3):
         heap = pile.run(wide, D6, STEEL, BEADS, BASE, count=500, seed=seed, threads=1, stiffness_factor=3e-4)
-        told = ruler.evaluate(heap.profiles, base_diameter=0.07, bead_diameter=D6.diameter).quantities
-        lines = [one for one in told if one.quantity == told[0].quantity and one.method == told[0].method]
+        quantities = ruler.evaluate(heap.profiles, base_diameter=0.07, bead_diameter=D6.diameter).quantities
+        lines = [
+            one for one in quantities if (one.quantity, one.method) == (quantities[0].quantity, quantities[0].method)
+        ]
         sides = {
             side: [one for one in lines if (one.detail["side"], one.detail["view"] == "all") == (side, False)]
             for side in angles
@@ -93,9 +95,9 @@ def test_a_mirrored_rain_makes_the_mirror_image_of_a_heap():
         place = np.stack(np.meshgrid(*[[-0.0065, 0.0, 0.0065]] * 2, [0.004, 0.0105, 0.017]), axis=-1).reshape(-1, 3)
         place += rng.uniform(-2e-4, 2e-4, place.shape)
         velocity, spin = rng.normal(0, 0.2, place.shape), rng.normal(0, 30, place.shape)
-        # a mirror turns velocities as it turns places, and spins the other way
+        # reflection acts on velocities as on positions, and with the opposite sign on spins
         bulk.add(place * mirror, velocity * mirror, -spin * mirror if mirror[0] < 0 else spin)
-        bulk.run(round(0.02 / bulk.time_step))  # as long as rounding is not yet grown to something
+        bulk.run(round(0.02 / bulk.time_step))  # before rounding errors have grown
         fell = velocity * mirror - np.array([0.0, 0.0, 9.81 * bulk.time])
         return bulk.beads(), np.abs(bulk.beads().velocity - fell).max(axis=1) > 0.05
 
@@ -144,11 +146,11 @@ def test_what_the_rig_leaves_open_is_in_the_result(heap):
 
 def test_without_a_rim_the_result_says_how_many_beads_stayed():
     flat = pile.run(replace(BOWL, rim_height=0.0), D6, STEEL, BEADS, BASE, count=40, settle_limit=1.0, threads=1)
-    (told,) = [warning for warning in flat.warnings if f"{len(flat.centres)} of 40" in warning]
-    assert told.endswith("give its height if it has one (--rim-height)")
+    (said,) = [warning for warning in flat.warnings if f"{len(flat.centres)} of 40" in warning]
+    assert said.endswith("give its height if it has one (--rim-height)")
 
 
-def test_a_heap_that_is_not_given_time_says_that_it_moves():
+def test_a_heap_without_time_to_settle_gives_a_warning():
     hasty = pile.run(BOWL, D6, STEEL, BEADS, BASE, count=40, settle_limit=0.02, threads=1)
     assert not hasty.at_rest
     assert any("still moving" in warning and "raise --settle-limit" in warning for warning in hasty.warnings)
@@ -181,7 +183,7 @@ def test_one_bead_casts_a_round_silhouette(x, y, z, view):
         (Pile(0.09), 0, "count"),
     ],
 )
-def test_a_pile_that_cannot_be_is_refused(rig, count, message):
+def test_an_impossible_pile_is_refused(rig, count, message):
     with pytest.raises(BadInput, match=message):
         pile.run(rig, D6, STEEL, BEADS, BASE, count=count)
 
@@ -233,11 +235,11 @@ def highest(heap: pile.Heap) -> float:
     return float(np.mean([profile.height[np.abs(profile.x) < 0.01].mean() for profile in heap.profiles]))
 
 
-def test_a_lifted_tube_leaves_a_heap_in_the_middle_and_no_bead_unaccounted(poured):
+def test_a_lifted_tube_leaves_a_centred_heap_and_all_beads_are_accounted_for(poured):
     assert poured.at_rest
     assert poured.placed == 150 == len(poured.centres) + poured.fallen
     assert np.abs(poured.centres[:, :2].mean(axis=0)) == pytest.approx([0, 0], abs=D6.radius)
-    # the tube is gone: beads lie where its wall stood
+    # the tube is removed: beads lie at the former position of its wall
     radius = np.hypot(*poured.centres[:, :2].T)
     assert (np.abs(radius - 0.015) < D6.radius).any()
     for profile in poured.profiles:
@@ -249,7 +251,7 @@ def test_smooth_beads_spread_farther_from_under_a_tube_than_rough_ones(poured):
     assert highest(lifted(SMOOTH)) < highest(poured) - D6.radius / 3
 
 
-def test_what_stays_in_an_emptied_container_slopes_down_to_the_drain(crater):
+def test_the_bed_left_in_an_emptied_container_slopes_down_to_the_drain(crater):
     assert crater.at_rest
     assert crater.warnings == ()
     assert crater.placed == 450 == len(crater.centres) + crater.fallen
@@ -275,7 +277,7 @@ def test_rough_beads_stay_in_an_emptied_container_where_smooth_ones_run_out(crat
     assert drained(SMOOTH).fallen > 1.2 * crater.fallen
 
 
-def test_a_bridged_drain_is_told():
+def test_a_bridged_drain_gives_a_warning():
     narrow = replace(DRAIN, drain_diameter=0.014)
     heap = pile.run(narrow, D6, STEEL, ROUGH, ROUGH, count=300, seed=2, threads=1)
     assert any("bridged" in warning for warning in heap.warnings)
@@ -304,7 +306,7 @@ def test_a_run_that_was_stopped_ends_with_the_same_bits(broken_off, rig, tmp_pat
         (replace(DRAIN, rim_height=0.01), "rim_height"),
     ],
 )
-def test_tubes_and_drains_that_cannot_be_are_refused(rig, message):
+def test_impossible_tubes_and_drains_are_refused(rig, message):
     with pytest.raises(BadInput, match=message):
         pile.run(rig, D6, STEEL, BEADS, BASE, count=50)
 
@@ -317,7 +319,7 @@ def test_tubes_and_drains_that_cannot_be_are_refused(rig, message):
         ([0.0, 0.07, 0.07, 0.06, 0.0], "beads lie up to 6.0%"),  # a hopper that has emptied
     ],
 )
-def test_beads_pressed_together_by_impacts_are_told_from_beads_that_lie_too_deep(seen, words):
+def test_overlaps_in_impacts_are_distinguished_from_lasting_ones(seen, words):
     logbook = SimpleNamespace(warnings=(), history=SimpleNamespace(largest_overlap=np.array(seen)))
     (said,) = Bench(BOWL, D6, STEEL, BEADS, BASE, {}).warnings(SimpleNamespace(largest_overlap=0.09, note=""), logbook)
     assert words in said
@@ -331,7 +333,7 @@ def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
     assert "adhesion jkr, air drag" in beads.assumptions()["effects"]
     (said,) = beads.warnings(*run)
     assert "camera_roll had no part" in said
-    # the engine knows forces in flight on spheres only
+    # the engine simulates forces in flight on spheres only
     clump = clumped("pellet", ASH, row(3, 2e-3, 2e-3), mass=60e-6)
     pellets = Bench(BOWL, clump, STEEL, BEADS, BASE, named)
     assert pellets.assumptions()["effects"] == "adhesion jkr"
@@ -347,7 +349,7 @@ def test_effects_of_a_model_act_on_the_heap_or_are_named_as_left_out():
         (["--method", "pouring", "--lift-speed", "20mm"], "--lift-speed"),
     ],
 )
-def test_a_setting_that_cannot_be_is_one_sentence_on_the_command_line(options, words, capsys, tmp_path):
+def test_an_impossible_setting_gives_one_sentence_on_the_command_line(options, words, capsys, tmp_path):
     command = ["simulate", "pile", "--base-diameter", "90mm", "--out", str(tmp_path), *options]
     assert run(command) == 2
     assert words in capsys.readouterr().err

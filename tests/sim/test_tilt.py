@@ -1,4 +1,4 @@
-"""The tilting plate lets go at the angle of friction, and then follows the closed forms of sliding and rolling."""
+"""Tilting plate: onset at the angle of friction, then the closed forms of sliding and rolling."""
 
 import math
 
@@ -18,14 +18,14 @@ FAST = math.radians(5)  # [rad/s]
 
 
 def in_the_plate(series, track):
-    """Way along the plate and height above it [m]."""
+    """Position along the plate and height above it [m]."""
     cosine, sine = np.cos(series.value), np.sin(series.value)
     x, y = track.position.T
     return x * cosine + y * sine, y * cosine - x * sine
 
 
 def onset_of(series, way) -> float:
-    """Angle [rad] when the body has gone 0.1 mm."""
+    """Angle [rad] at which the body has moved 0.1 mm."""
     return float(series.value[np.flatnonzero(way < way[0] - 1e-4)[0]])
 
 
@@ -34,7 +34,7 @@ def test_a_block_slides_when_the_tangent_is_the_friction(mu):
     rig = Tilt("slide", speed=FAST)
     series, track = tilt.run(rig, D6, STEEL, Contact(0.42, mu, 0.06), frame_rate=240)
     way, height = in_the_plate(series, track)
-    # in the time that 0.1 mm takes the plate turns on: s = g speed t^3 / (6 cos)
+    # the plate keeps turning while the body moves 0.1 mm: s = g speed t^3 / (6 cos)
     late = FAST * (6 * 1e-4 / (GRAVITY * FAST)) ** (1 / 3)
     assert math.atan(mu) < onset_of(series, way) < math.atan(mu) + 2 * late
     assert height == pytest.approx(D6.radius, abs=2e-5)
@@ -52,7 +52,7 @@ def test_a_sphere_rolls_when_the_tangent_is_the_rolling_friction(mu_r, rolling):
     assert math.atan(mu_r) < onset_of(series, way) < math.atan(mu_r) + 2 * late
 
 
-def test_past_the_onset_the_block_follows_newton():
+def test_after_the_onset_the_block_follows_newton():
     mu = 0.36
     series, track = tilt.run(Tilt("slide", speed=FAST), D6, STEEL, Contact(0.42, mu), frame_rate=240)
     way, _height = in_the_plate(series, track)
@@ -87,7 +87,7 @@ def test_a_pellet_across_the_plate_rolls_at_its_rolling_friction_and_a_cube_does
     series, track = tilt.run(rig, hlosta2020.particle("P6x15"), STEEL, Contact(0.3, 0.5, mu_r), frame_rate=120)
     way, height = in_the_plate(series, track)
     assert height == pytest.approx(3e-3, abs=5e-5)
-    # a cylinder is a little slower to get going than a ball: 2/3 of gravity along the plate
+    # the acceleration of a cylinder is below that of a ball: 2/3 of gravity along the plate
     late = FAST * (6 * 1e-4 / (2 / 3 * GRAVITY * FAST)) ** (1 / 3)
     assert math.atan(mu_r) < onset_of(series, way) < math.atan(mu_r) + 2.5 * late
     # rolls without slipping from there to the hinge
@@ -97,7 +97,7 @@ def test_a_pellet_across_the_plate_rolls_at_its_rolling_friction_and_a_cube_does
     assert onset_of(cube[0], in_the_plate(*cube)[0]) == pytest.approx(math.atan(0.25), abs=2.5 * late)
 
 
-def test_air_does_not_stop_a_pellet_from_rolling_and_the_twin_says_that_it_had_no_part():
+def test_an_effect_that_does_not_act_on_a_rolling_pellet_is_named():
     rig, effects = Tilt("roll", speed=FAST, start_angle=math.radians(4)), {"air_drag": {}}
     pellet, contact = hlosta2020.particle("P6x15"), Contact(0.3, 0.5, 0.08)
     in_air = tilt_twin(rig, pellet, STEEL, contact, frame_rate=120, effects=effects)
@@ -110,7 +110,7 @@ def test_air_does_not_stop_a_pellet_from_rolling_and_the_twin_says_that_it_had_n
     assert said.startswith("the model's rolling_lever had no part")
 
 
-def test_what_the_body_is_taken_for_is_true_of_it():
+def test_the_description_of_the_body_is_true():
     pellet, contact = hlosta2020.particle("P6x15"), Contact(0.3, 0.5, 0.08)
     twin = tilt_twin(Tilt("roll", speed=FAST, start_angle=math.radians(4)), pellet, STEEL, contact, frame_rate=120)
     assert "from 4 degrees on" in twin.assumptions[0]

@@ -1,4 +1,4 @@
-"""Many beads: the bulk engine against physics, its own bits, and bad input."""
+"""Bulk engine: physics, reproducibility to the bit, and bad input."""
 
 import math
 import os
@@ -66,7 +66,7 @@ def test_free_fall_is_exact():
 
 
 @pytest.mark.parametrize("e", [0.2, 0.5, 0.9])
-def test_the_restitution_put_in_comes_out_at_a_fine_step(e):
+def test_rebounds_have_the_given_restitution_at_a_fine_step(e):
     contact = Contact(e, 0.3)
     bed = weightless(contact, fraction=0.01, walls=[Wall(Plane((0, 0, -0.05), (0, 0, 1)), SOFT, contact)])
     bed.add([[0, 0, -0.0469], [0.03, 0, 0], [0.0361, 0, 0]], [[0, 0, -0.5], [0.5, 0, 0], [0, 0, 0]])
@@ -78,8 +78,8 @@ def test_the_restitution_put_in_comes_out_at_a_fine_step(e):
 
 
 @pytest.mark.parametrize("e", [0.2, 0.42, 0.75, 1.0])
-def test_the_usual_step_errs_by_chance_but_not_on_average(e):
-    # pairs that meet at all moments within a step; a contact lasts some ten steps
+def test_the_error_of_the_usual_step_is_random_without_bias(e):
+    # pairs that collide at random times within a step; a contact lasts about ten steps
     pairs = 100
     gap = np.random.default_rng(5).uniform(1e-5, 1e-4, pairs)
     k = np.arange(pairs)
@@ -111,7 +111,7 @@ def test_beads_scaled_down_collide_as_a_kind_of_that_size_does(rolling):
         bed.add([[-0.004, 0.001, 0]], [[0.5, 0.1, 0.2]], [[30, -80, 50]])
         scale = None if as_kind else np.array([0.5, 0.5])
         bed.add([[0.001, 0, 0], [0.0043, 0, 0.0005]], [[-0.5, 0, 0]], [[0, 40, -20]], kind=int(as_kind), scale=scale)
-        # a larger arena must not forget it
+        # a larger arena must keep the scales
         bed.add([[0.01 * k - 0.09, 0.05, 0.01 * layer] for k in range(18) for layer in range(3)])
         bed._grow(4096, 1, 1)
         bed.run(200)
@@ -144,7 +144,7 @@ def test_an_oblique_collision_of_unlike_beads_keeps_momentum_and_angular_momentu
 
 @pytest.fixture(scope="module")
 def settled() -> np.ndarray:
-    """Positions of 150 beads that fell into a box in disorder and came to rest."""
+    """Positions of 150 beads that fell into a box in random order and came to rest."""
     return shaken().beads().position
 
 
@@ -176,7 +176,7 @@ def test_a_bed_at_rest_stays_at_rest():
 
 
 def test_the_floor_carries_the_weight_of_the_bed():
-    # Hertz turns the depth of the lowest beads into force; walls without friction carry nothing
+    # force from the overlaps of the lowest beads by Hertz's law; walls without friction carry no weight
     beads = shaken(wall_contact=Contact(0.6)).beads()
     effective = SOFT.youngs_modulus / (2 * (1 - SOFT.poisson_ratio**2))
     depth = np.maximum(D6.radius - beads.position[:, 2], 0)
@@ -190,7 +190,7 @@ def test_a_new_neighbour_list_changes_nothing_but_the_order_of_sums(settled):
     expected = calm.beads()
     stirred = laid(settled)
     for _ in range(10):
-        stirred.add(np.zeros((0, 3)))  # adding no bead still lists and renumbers anew
+        stirred.add(np.zeros((0, 3)))  # adding no bead still rebuilds the list and renumbers
         stirred.run(30)
     assert stirred.lists_built >= 10
     assert np.abs(stirred.beads().position - expected.position).max() < 1e-12
@@ -214,7 +214,7 @@ def test_one_thread_and_two_give_the_same_bits(monkeypatch):
     assert serial.spin.any()
 
 
-def test_threads_that_never_meet_are_not_waited_for(monkeypatch):
+def test_threads_that_do_not_start_are_not_waited_for(monkeypatch):
     serial = poured(1)
     monkeypatch.setattr(engine, "BEADS_PER_THREAD", 1)
     monkeypatch.setattr(engine, "Crew", lambda threads: Crew(threads + 1))  # one more than Taichi has
@@ -249,7 +249,7 @@ def test_more_threads_than_cores_give_the_same_bits():
     subprocess.run([sys.executable, "-c", MANY_THREADS, str(Path(__file__).parent)], check=True, timeout=600)
 
 
-def test_launches_do_not_show_in_the_bits(monkeypatch):
+def test_the_number_of_launches_does_not_change_the_bits(monkeypatch):
     whole = poured(1)
     monkeypatch.setattr(engine, "LAUNCH_SECONDS", 1e-3)
     assert same_bits(poured(1), whole)
@@ -273,7 +273,7 @@ def test_energy_only_ever_falls_in_a_settling_bed(rolling):
     assert energies[-1] < 0.8 * energies[0]
 
 
-def test_beads_stand_in_a_bowl_and_those_outside_are_counted_out():
+def test_beads_rest_in_a_bowl_and_those_that_left_are_counted():
     up = (0.0, 0.0, 1.0)
     walls = [Wall(Disc((0, 0, 0), up, 0.02), SOFT, CONTACT), Wall(Cylinder((0, 0, 0), up, 0.02, 0.008), SOFT, CONTACT)]
     bowl = Bulk(
@@ -349,17 +349,17 @@ def test_the_step_is_checked_against_rayleigh():
     assert "gain energy" in warnings[0]
 
 
-def test_gravity_that_is_no_number_is_refused():
+def test_gravity_that_is_not_finite_is_refused():
     with pytest.raises(BadInput, match="gravity"):
         box(gravity=(0.0, 0.0, math.nan))
 
 
-def test_a_list_made_in_parts_is_the_same_and_one_whose_parts_are_uneven_is_made_whole(monkeypatch):
+def test_a_list_built_in_parts_is_the_same_and_uneven_parts_are_built_as_a_whole(monkeypatch):
     if backend.start().threads < 2:
         pytest.skip("one core lists all by itself")
     monkeypatch.setattr(engine, "BEADS_IN_PARTS", 900)
     even, loose = lattice(1000, width=0.06), lattice(500, width=0.06, pitch=9e-3)
-    # the lower half of the beads has nearly all pairs: its part of the room is too small
+    # the lower half of the beads has nearly all pairs, so its part of the memory is too small
     loose[:, 2] += even[:500, 2].max() + 9e-3
     speeds = np.random.default_rng(2).normal(0, 0.3, even.shape)
     for places, room, whole in ((even, None, 0), (np.vstack([even[:500], loose]), 2200, 1)):
@@ -377,7 +377,7 @@ def test_a_list_made_in_parts_is_the_same_and_one_whose_parts_are_uneven_is_made
         assert same_bits(*found)
 
 
-def test_a_bed_cannot_be_used_after_another_took_its_place():
+def test_a_bed_cannot_be_used_after_another_took_its_memory():
     first = box()
     box()
     with pytest.raises(RigtwinError, match="later one"):
@@ -390,7 +390,7 @@ def in_a_new_process(code: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_engine_starts_without_a_word_and_says_when_there_is_no_cuda():
+def test_the_engine_starts_silently_and_reports_missing_cuda():
     code = (
         "from rigtwin.sim.engine import backend\n"
         "first = backend.start(device='cuda')\n"
@@ -408,8 +408,8 @@ def test_the_engine_starts_without_a_word_and_says_when_there_is_no_cuda():
     assert done.stdout == ""
 
 
-def test_what_runs_on_one_device_is_not_taken_for_the_other(monkeypatch):
-    # there need be no GPU for it: what counts is where the process is known to run
+def test_a_backend_on_one_device_is_not_used_for_the_other(monkeypatch):
+    # works without a GPU: only the recorded device of the process matters
     monkeypatch.setattr(backend, "_running", backend.Backend("cuda", 2))
     for start in (backend.start, box):
         with pytest.raises(RigtwinError, match="already runs on CUDA in this process; start a new process for the CPU"):
@@ -423,7 +423,7 @@ def test_what_runs_on_one_device_is_not_taken_for_the_other(monkeypatch):
         backend.start(device="gpu")
 
 
-def test_twins_are_imported_without_the_engine():
+def test_rig_modules_are_imported_without_the_engine():
     code = (
         "import sys, rigtwin.sim.drop, rigtwin.sim.pendulum, rigtwin.sim.pile.pile\nassert 'taichi' not in sys.modules"
     )

@@ -1,4 +1,4 @@
-"""A run that was broken off goes on as if nothing had happened, to the bit; a run that fails keeps its last state."""
+"""Interrupted runs resume with identical bits; a run that fails keeps its last state."""
 
 import json
 import os
@@ -42,14 +42,14 @@ def whole() -> pile.Heap:
 
 
 def same_end(one: pile.Heap, other: pile.Heap) -> bool:
-    """Whether two runs ended with the same bits and the same books."""
+    """Whether two runs ended with the same bits and the same energy balance."""
     books = all(np.array_equal(getattr(one.history, name), getattr(other.history, name)) for name in vars(one.history))
     return (
         books and np.array_equal(one.centres, other.centres) and (one.time, one.at_rest) == (other.time, other.at_rest)
     )
 
 
-LOOKS = np.random.default_rng(11).integers(1, 20, 3)  # some of these fall in the pouring, some in the settling
+LOOKS = np.random.default_rng(11).integers(1, 20, 3)  # some of these during pouring, some during settling
 
 
 @pytest.mark.parametrize("look", [*map(int, LOOKS), 14])
@@ -58,13 +58,13 @@ def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(broken_off, l
     assert same_end(heap(checkpoint=tmp_path / "heap.npz"), whole)
 
 
-def test_a_run_may_break_again_and_again(broken_off, whole, tmp_path):
+def test_a_run_may_be_interrupted_repeatedly(broken_off, whole, tmp_path):
     for look in (3, 2, 5, 1):
         broken_off(heap, look, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     assert same_end(heap(checkpoint=tmp_path / "heap.npz"), whole)
 
 
-def test_the_run_may_break_long_after_its_last_checkpoint(broken_off, whole, tmp_path, monkeypatch):
+def test_the_run_may_be_interrupted_long_after_its_last_checkpoint(broken_off, whole, tmp_path, monkeypatch):
     class Rare(Checkpoint):
         looks = 0
 
@@ -81,7 +81,7 @@ def test_the_run_may_break_long_after_its_last_checkpoint(broken_off, whole, tmp
     assert same_end(again, whole)
 
 
-def test_a_run_that_is_interrupted_before_its_first_checkpoint_goes_on_from_its_last_look(whole, tmp_path, monkeypatch):
+def test_a_run_interrupted_before_its_first_checkpoint_resumes_from_its_last_check(whole, tmp_path, monkeypatch):
     monkeypatch.setattr("rigtwin.sim.run.run_log.SNAPSHOT_INTERVAL", 0)
     said = []
 
@@ -105,7 +105,7 @@ def test_the_number_of_threads_may_change_at_the_break(broken_off, before, after
     assert same_end(heap(checkpoint=tmp_path / "heap.npz", threads=after), whole)
 
 
-def test_another_process_goes_on_with_the_same_bits(broken_off, whole, tmp_path):
+def test_another_process_resumes_with_the_same_bits(broken_off, whole, tmp_path):
     broken_off(heap, 7, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]); import conftest\n"
@@ -122,11 +122,11 @@ def test_another_process_goes_on_with_the_same_bits(broken_off, whole, tmp_path)
     assert done.stdout.strip() == whole.centres.tobytes().hex()
 
 
-def test_checkpoints_and_their_interval_do_not_show_in_the_bits(whole, tmp_path):
+def test_checkpoints_and_their_interval_do_not_change_the_bits(whole, tmp_path):
     assert same_end(heap(checkpoint=tmp_path / "heap.npz", checkpoint_interval=0), whole)
 
 
-def test_a_finished_run_is_not_made_again(whole, tmp_path):
+def test_a_finished_run_is_not_repeated(whole, tmp_path):
     heap(checkpoint=tmp_path / "heap.npz")
     said = []
     again = heap(checkpoint=tmp_path / "heap.npz", progress=lambda *words: said.append(words))
@@ -146,7 +146,7 @@ BOWL_WALLS = (Disc((0, 0, 0), UP, 0.02), Cylinder((0, 0, 0), UP, 0.02, 0.016))
 
 
 def cluster(seed: int, **more) -> Bulk:
-    """Sixty-four beads in disorder that fall into a bowl; some jump out of it."""
+    """Sixty-four beads that fall into a bowl in random order; some bounce out of it."""
     rng = np.random.default_rng(seed)
     start = bed(BOWL_WALLS, open_domain=True, **more)
     k = np.arange(64)
@@ -185,7 +185,7 @@ def test_the_state_holds_all_that_later_steps_depend_on(rolling, pair_capacity):
     assert run.contacts > 20
     assert run.gone > 0
     for k, (state, then) in enumerate(states):
-        cluster(2, **more).run(700)  # leaves its forces and lists behind in the same memory
+        cluster(2, **more).run(700)  # leaves its forces and lists in the same memory
         again = bed(BOWL_WALLS, open_domain=True, **more)
         again.restore(state)
         assert same_beads(again.beads(), then)
@@ -198,7 +198,7 @@ def test_the_state_holds_all_that_later_steps_depend_on(rolling, pair_capacity):
     ("change", "words"),
     [({"seed": 6}, "seed: 5 there, 6 here"), ({"count": 91}, "count"), ({"time_step_fraction": 0.2}, "fraction")],
 )
-def test_the_checkpoint_of_another_run_is_refused_by_the_setting_that_differs(broken_off, change, words, tmp_path):
+def test_the_checkpoint_of_another_run_is_refused_with_the_differing_setting(broken_off, change, words, tmp_path):
     broken_off(heap, 2, checkpoint=tmp_path / "heap.npz", checkpoint_interval=0)
     with pytest.raises(BadInput, match=f"belongs to another run .*{words}"):
         heap(checkpoint=tmp_path / "heap.npz", **change)
@@ -213,7 +213,7 @@ def test_another_contact_makes_another_run(broken_off, tmp_path):
         )  # fmt: skip
 
 
-def test_the_checkpoint_of_another_device_is_another_runs(broken_off, tmp_path):
+def test_the_checkpoint_of_another_device_is_refused(broken_off, tmp_path):
     kept = tmp_path / "heap.npz"
     broken_off(heap, 2, checkpoint=kept, checkpoint_interval=0)
     with np.load(kept) as file:
@@ -254,7 +254,7 @@ def test_a_checkpoint_that_cannot_be_completed_leaves_the_last_one_whole(broken_
 
 
 def failing(bulk: Bulk, path: Path, steps: int = 100) -> str:
-    """Run with a checkpoint at every look until the simulation fails, and return what it says."""
+    """Run with a checkpoint at every check until the simulation fails, and return the message."""
     with pytest.raises(SimulationFailed) as failure:
         look_on(bulk, path, steps)
     return str(failure.value)
@@ -287,12 +287,12 @@ def test_a_bead_that_leaves_stops_the_run_and_the_last_good_state_is_kept(tmp_pa
     assert again.beads().position[1] == pytest.approx([0.03 + 1.5 * again.time, 0, 0.05])
 
 
-def test_what_came_after_the_look_that_is_kept_is_not_kept_with_it(tmp_path, monkeypatch):
+def test_a_snapshot_does_not_contain_later_events(tmp_path, monkeypatch):
     def interrupted(run):
         course = {"seen": []}
         settings = {"trajectory_interval": 0.01, "checkpoint": tmp_path / "bed.npz", "checkpoint_interval": 1e9}
         with Logbook(run, {"case": 1}, **settings) as book:
-            for interval in (0, 1e9, 1e9):  # only the first look is remembered
+            for interval in (0, 1e9, 1e9):  # only the first snapshot is kept
                 monkeypatch.setattr("rigtwin.sim.run.run_log.SNAPSHOT_INTERVAL", interval)
                 book.run(10)
                 course["seen"].append(run.steps)
@@ -309,12 +309,12 @@ def test_what_came_after_the_look_that_is_kept_is_not_kept_with_it(tmp_path, mon
     assert again.steps == 10
 
 
-def test_what_the_first_snapshot_waits_for_does_not_put_off_the_next(tmp_path, monkeypatch):
+def test_the_compilation_in_the_first_snapshot_does_not_delay_the_next(tmp_path, monkeypatch):
     monkeypatch.setattr("rigtwin.sim.run.run_log.SNAPSHOT_INTERVAL", 0.01)
     calls, read = [], Bulk.state
 
     def state(self):
-        calls.append(time.sleep(0.0 if calls else 0.5))  # as kernels take to be compiled
+        calls.append(time.sleep(0.0 if calls else 0.5))  # like the compilation of kernels
         return read(self)
 
     monkeypatch.setattr(Bulk, "state", state)
@@ -335,7 +335,7 @@ def test_what_the_first_snapshot_waits_for_does_not_put_off_the_next(tmp_path, m
     assert f"kept up to t = {20 * STEP:.4g} s in {tmp_path / 'bed.npz'}" in stop.value.__notes__[0]
 
 
-def test_a_run_interrupted_before_its_first_look_says_that_nothing_is_kept(tmp_path):
+def test_a_run_interrupted_before_its_first_check_says_that_nothing_is_kept(tmp_path):
     run = bed(gravity=(0, 0, 0))
     with pytest.raises(KeyboardInterrupt) as stop, logbook(run, tmp_path / "bed.npz"):
         raise KeyboardInterrupt
@@ -365,7 +365,7 @@ def test_a_failure_before_the_first_checkpoint_names_none(tmp_path):
 
 @pytest.fixture
 def pellets_of_before(broken_off, tmp_path):
-    """A broken run of pellets, its checkpoint as it was written before the rolling lever was said."""
+    """An interrupted run of pellets, with a checkpoint of the old format without the rolling lever."""
 
     def written(rolling):
         kept = tmp_path / "pellets.npz"
@@ -385,10 +385,10 @@ def pellets(**more) -> pile.Heap:
     return pile.run(BOWL, pellet, STEEL, BEADS, BASE, **{"count": 20, "seed": 5, "settle_limit": 0.1} | more)
 
 
-def test_clumps_under_type_a_do_not_go_on_from_a_checkpoint_with_the_lever_of_before(pellets_of_before):
+def test_clumps_under_type_a_do_not_resume_from_a_checkpoint_with_the_old_lever(pellets_of_before):
     with pytest.raises(BadInput, match=r"another run \(rolling lever: not said there, from a contact to the centre"):
         pellets(checkpoint=pellets_of_before("type A"), rolling="type A")
 
 
-def test_clumps_under_type_c_go_on_from_a_checkpoint_of_before(pellets_of_before):
+def test_clumps_under_type_c_resume_from_an_old_checkpoint(pellets_of_before):
     assert pellets(checkpoint=pellets_of_before("type C"), rolling="type C").asked == 20

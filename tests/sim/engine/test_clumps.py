@@ -1,4 +1,4 @@
-"""Rigid clumps in the bulk engine: conservation laws, closed forms, its own bits."""
+"""Rigid clumps in the bulk engine: conservation laws, closed forms, reproducibility to the bit."""
 
 import math
 
@@ -40,7 +40,7 @@ def angular_momentum(bulk: Bulk) -> np.ndarray:
 
 def test_a_spinning_clump_tumbles_and_keeps_its_energy_and_angular_momentum():
     space = bed([ODD], shapes=(), gravity=(0, 0, 0))
-    # nearly about the middle axis: it must flip over and back
+    # nearly about the intermediate axis: it must flip over and back
     space.add([[0, 0, 0.1]], spin=[[20.0, 400.0, 20.0]])
     before = space.grains()
     upside = []
@@ -83,15 +83,15 @@ def bounce(turn, height: float, e: float) -> engine.Grains:
 
 
 @pytest.mark.parametrize("e", [0.5, 0.8, 1.0])
-def test_a_clump_on_one_sphere_returns_what_was_put_in(e):
+def test_a_clump_landing_on_one_sphere_has_the_given_restitution(e):
     up = bounce(UPRIGHT, 3.5e-3, e)
     assert up.velocity[0, 2] == pytest.approx(0.5 * e, rel=5e-3)
     assert np.abs(up.spin).max() < 1e-6
 
 
 @pytest.mark.parametrize("e", [0.5, 0.8, 1.0])
-def test_a_clump_dropped_flat_on_two_spheres_returns_what_two_dashpots_leave(e):
-    # each contact is damped for the whole mass, as in other codes; together they are one with root two times the ratio
+def test_a_clump_landing_flat_on_two_spheres_has_the_restitution_of_two_dashpots(e):
+    # each contact is damped for the whole mass, as in other codes; together they have sqrt(2) times the damping ratio
     flat = bounce(None, 2e-3, e)
     angle = math.asin(math.sqrt(2) * damping_ratio(e))
     assert flat.velocity[0, 2] == pytest.approx(0.5 * math.exp(-(math.pi - 2 * angle) * math.tan(angle)), rel=5e-3)
@@ -99,7 +99,7 @@ def test_a_clump_dropped_flat_on_two_spheres_returns_what_two_dashpots_leave(e):
     assert np.abs(flat.spin).max() < 1e-6
 
 
-def test_two_clumps_that_meet_keep_momentum_and_angular_momentum():
+def test_colliding_clumps_keep_momentum_and_angular_momentum():
     space = bed([ODD, CUBE], shapes=(), gravity=(0, 0, 0))
     space.add([[-0.006, 0.001, 0.1]], [[1.0, 0.2, 0.3]], [[30, -80, 50]], kind=0)
     space.add([[0.006, -0.001, 0.101]], [[-1.0, 0, 0]], [[0, 40, -20]], kind=1)
@@ -114,7 +114,7 @@ def test_two_clumps_that_meet_keep_momentum_and_angular_momentum():
 
 
 @pytest.mark.parametrize(("degrees", "slides"), [(20, False), (30, True)])
-def test_a_clump_that_cannot_roll_slides_from_the_angle_of_friction_on(degrees, slides):
+def test_a_clump_that_cannot_roll_slides_above_the_angle_of_friction(degrees, slides):
     mu, a = 0.44, math.radians(degrees)  # 23.7 degrees
     run = bed([PLATE], Contact(0.5, mu), gravity=(G * math.sin(a), 0, -G * math.cos(a)), fraction=0.2)
     run.add([[-0.04, 0, 2e-3]])
@@ -138,7 +138,7 @@ def test_a_clump_at_rest_stays_at_rest():
     assert np.abs(after.position - before.position).max() < 1e-9 * 6e-3
     assert np.abs(after.turn - before.turn).max() < 1e-9
     assert after.kinetic_energy < 1e-12 * CUBE.mass * G * 3e-3
-    # the floor bears the weight on four spheres
+    # the floor carries the weight on four spheres
     stiff = 4 / 3 * SOFT.youngs_modulus / (2 * (1 - SOFT.poisson_ratio**2)) * math.sqrt(1.7e-3)
     depth = np.maximum(1.7e-3 - run.beads().position[:, 2], 0)
     assert (depth > 0).sum() == 4
@@ -150,7 +150,7 @@ def random_turns(count: int, seed: int) -> np.ndarray:
 
 
 def heap(seed=3, count=36, **more) -> Bulk:
-    """Odd clumps and spheres thrown into a narrow box."""
+    """Irregular clumps and spheres thrown into a narrow box."""
     sides = [Plane((x, 0, 0), (n, 0, 0)) for x, n in ((-0.012, 1), (0.012, -1))]
     sides += [Plane((0, y, 0), (0, n, 0)) for y, n in ((-0.012, 1), (0.012, -1))]
     run = bed([ODD, Particle("bead", SOFT, 3e-3)], shapes=(FLOOR, *sides), **more)
@@ -200,7 +200,7 @@ def test_one_thread_and_two_give_the_same_bits(monkeypatch):
     assert same_bits(parallel.grains(), expected)
 
 
-def test_growing_changes_no_bit():
+def test_growing_the_tables_does_not_change_the_bits():
     plenty = heap()
     plenty.run(1500)
     expected = plenty.grains()
@@ -223,7 +223,7 @@ def test_the_state_holds_all_that_later_steps_depend_on(rolling):
     assert max(contacts) > 5
     assert run.gone == 2
     for state, steps in states:
-        heap(seed=8, rolling=rolling).run(300)  # leaves its bodies behind in the same memory
+        heap(seed=8, rolling=rolling).run(300)  # leaves its bodies in the same memory
         again = heap(open_domain=True, rolling=rolling, seed=9)
         again.restore(state)
         again.run(last[0] - steps)
@@ -263,7 +263,7 @@ def test_clumps_that_overlap_at_the_start_are_refused_and_their_own_spheres_are_
 
 
 @pytest.mark.parametrize("kind", [Particle("ball", SOFT, 6e-3), ODD])
-def test_a_shrunk_particle_weighs_its_cube_and_does_what_one_made_so_small_does(kind):
+def test_a_scaled_particle_behaves_as_a_kind_of_that_size(kind):
     small = Particle("half", SOFT, 3e-3)
     if kind.shape is not None:
         half = [tuple(0.5 * x for x in place) for place in kind.shape.offsets]
@@ -282,7 +282,7 @@ def test_a_shrunk_particle_weighs_its_cube_and_does_what_one_made_so_small_does(
 
 
 @pytest.mark.parametrize("scale", [0.0, 1.5, 0.1])
-def test_a_size_that_cannot_be_is_refused(scale):
+def test_an_impossible_size_is_refused(scale):
     with pytest.raises(BadInput, match="scale"):
         bed([CUBE]).add([[0, 0, 0.05]], scale=np.array([scale]))
 

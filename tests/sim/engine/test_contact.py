@@ -37,7 +37,7 @@ def bounce(speed: float, contact: Contact, particle: Particle = D6, **more):
 
 @pytest.mark.parametrize("e", [0.1, 0.2, 0.42, 0.5, 0.75, 0.9, 1.0])
 @pytest.mark.parametrize("speed", [0.05, 0.5, 5.0])
-def test_the_restitution_put_in_comes_out_at_the_wall(e, speed):
+def test_rebounds_from_a_wall_have_the_given_restitution(e, speed):
     velocity, _ = bounce(speed, Contact(e))
     assert velocity[2] / speed == pytest.approx(e, rel=5e-3)
 
@@ -49,7 +49,7 @@ def test_the_restitution_put_in_comes_out_at_the_wall(e, speed):
     ratio=st.floats(0.3, 3.0),
     mu=st.floats(0.0, 1.0),
 )
-def test_the_restitution_put_in_comes_out_between_beads_and_momentum_stays(e, speed, ratio, mu):
+def test_collisions_of_beads_have_the_given_restitution_and_keep_momentum(e, speed, ratio, mu):
     big = Particle("big", ASH, 6e-3 * ratio, density=569)
     gap = 1e-5
     bodies = [
@@ -178,7 +178,7 @@ def test_an_oblique_pair_keeps_momentum_and_angular_momentum():
 
 
 def on_floor(contact: Contact, time, tilt=0.0, particle=D6, **more):
-    """A sphere laid on the floor so deep that it carries its weight; x points down the slope."""
+    """A sphere on the floor with the overlap that carries its weight; x points down the slope."""
     effective = 1 / (
         (1 - ASH.poisson_ratio**2) / ASH.youngs_modulus + (1 - STEEL.poisson_ratio**2) / STEEL.youngs_modulus
     )
@@ -216,7 +216,7 @@ def test_a_sphere_on_a_slope_starts_to_roll_at_the_angle_whose_tangent_is_mu_r()
     assert free.velocity[0, 0, 0] > 1e-4
 
 
-def test_a_sphere_rolls_down_a_slope_as_fast_as_rolling_resistance_lets_it():
+def test_a_sphere_rolls_down_a_slope_with_the_acceleration_of_the_closed_form():
     tilt, mu_r = math.radians(10), 0.06
     motion = on_floor(Contact(0.5, 0.5, mu_r), [0.02, 0.05], tilt=tilt)
     gained = (motion.velocity[1, 0, 0] - motion.velocity[0, 0, 0]) / 0.03
@@ -224,8 +224,8 @@ def test_a_sphere_rolls_down_a_slope_as_fast_as_rolling_resistance_lets_it():
 
 
 def test_two_rolling_beads_feel_the_torque_of_their_own_radius():
-    # pressed together by opposite pushes of gravity-free motion there is no steady load, so: one heavy bead on another
-    # that spins in place; the torque mu_r Fn R stops the spin difference at a known rate
+    # a steady load needs gravity: one heavy bead lies on another that spins in place; the torque mu_r Fn R reduces the
+    # spin difference at a known rate
     mu_r, spin = 0.05, 20.0
     lower, upper = (0.0, 0.0, 3e-3), (0.0, 0.0, 9e-3)
     walls = [Wall(FLOOR, STEEL, Contact(0.5))]
@@ -250,7 +250,7 @@ def test_two_rolling_beads_feel_the_torque_of_their_own_radius():
     ],
     ids=["disc above", "disc below", "disc edge", "cylinder inside", "cylinder outside", "rim"],
 )
-def test_every_side_of_a_wall_throws_back_at_right_angles(shape, position, velocity):
+def test_every_side_of_a_wall_reflects_along_its_normal(shape, position, velocity):
     body = Body(D6, position, velocity=velocity)
     motion = run([body], np.array([4e-4]), walls=[Wall(shape, STEEL, Contact(0.5))], gravity=WEIGHTLESS)
     assert motion.velocity[0, 0] == pytest.approx(-0.5 * np.array(velocity), abs=3e-3)
@@ -279,7 +279,7 @@ def test_impossible_starts_are_refused_in_one_sentence(bodies, message):
         run(bodies, np.array([0.1]), walls=floor(Contact(0.5)), contacts=Contact(0.5))
 
 
-def test_a_step_without_bounds_is_refused():
+def test_an_unlimited_step_is_refused():
     with pytest.raises(BadInput, match="step"):
         run([Body(D6, (0, 0, 1))], np.array([0.1]), step=math.inf)
     with pytest.raises(BadInput, match="times"):

@@ -1,4 +1,4 @@
-"""Many few-body simulations in one launch: each gets what it gets alone, and what physics says."""
+"""Many few-body simulations in one launch: each gives the same result as alone, and agrees with closed forms."""
 
 import math
 from dataclasses import replace
@@ -99,7 +99,7 @@ def same(one, other):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_case_gets_the_same_bits_alone_and_in_any_company(alone, threads):
+def test_a_case_gives_the_same_bits_alone_and_among_others(alone, threads):
     together = run_many(company(), threads=threads)
     assert all(map(same, together, alone))
     reversed_ = run_many([*company()[::-1], *company()[3:7]], threads=threads)
@@ -112,7 +112,7 @@ def test_each_case_has_its_own_strength_of_an_effect():
 
 
 def test_eight_bodies_do_not_feel_the_floor_of_another_case():
-    # they fill a line of the cache, so that what follows them in memory is the next case's
+    # they fill a cache line, so that the next case follows directly in memory
     def row(height):
         beads = [Body(sphere(), (0.01 * k, 0, height)) for k in range(8)]
         return Case(
@@ -123,7 +123,7 @@ def test_eight_bodies_do_not_feel_the_floor_of_another_case():
     assert all(same(one, run_many([case])[0]) for one, case in zip(run_many(cases), cases, strict=True))
 
 
-def test_two_hundred_restitutions_put_in_come_out_of_one_launch():
+def test_two_hundred_given_restitutions_are_reproduced_in_one_launch():
     rng = np.random.default_rng(7)
     wanted, cases = rng.uniform(0.1, 1.0, 200), []
     for e in wanted:
@@ -144,7 +144,7 @@ def test_free_falls_of_different_length_are_all_exact():
         assert motion.position[:, 0, 2] == pytest.approx(1 - GRAVITY / 2 * case.times**2, abs=1e-12)
 
 
-def test_a_long_record_stands_beside_a_short_one():
+def test_long_and_short_records_run_in_one_launch():
     times = np.linspace(1e-6, 0.02, 50_000)
     long = Case([Body(sphere(), (0, 0, 1.0)), Body(sphere(), (0, 0.1, 2.0))], times)
     short = Case([Body(sphere(), (0, 0, 1.0))], times[:100])
@@ -153,7 +153,7 @@ def test_a_long_record_stands_beside_a_short_one():
     assert same(both[0], run_many([short])[0])
 
 
-def test_a_case_that_breaks_down_is_named_and_takes_no_other_with_it():
+def test_a_case_that_breaks_down_is_named_and_does_not_affect_others():
     thrown = Case([Body(sphere(), (0, 0, 1.0)), Body(sphere(), (1, 0, 1.0), (1e7, 0, 0))], np.array([0.01]))
     good = drop(0.02, 0.7)
     first, broken, last = run_many([good, thrown, good])
@@ -176,7 +176,7 @@ def test_another_number_of_cases_needs_no_other_kernel():
     assert all(same(one, many[0]) for one in many)
 
 
-def test_what_broke_down_leaves_nothing_behind():
+def test_a_break_down_does_not_affect_later_runs():
     drag = [active("air_drag")]
     good = Case([Body(sphere(), (0, 0, 1.0), (2, 0, 0))], np.array([0.1]), effects=drag)
     before = run_many([good])[0]
@@ -184,7 +184,7 @@ def test_what_broke_down_leaves_nothing_behind():
     assert same(run_many([good])[0], before)
 
 
-def test_a_case_that_cannot_be_is_named_by_its_place():
+def test_an_impossible_case_is_named_by_its_index():
     sunk = Case([Body(sphere(), (0, 0, 0.0))], np.array([0.1]), walls=[floor(Contact(0.5))])
     with pytest.raises(BadInput, match=r"^cases\[2\]: body 0 starts 3 mm inside a wall"):
         run_many([drop(0.02, 0.5), drop(0.03, 0.5), sunk])
@@ -197,7 +197,7 @@ def test_a_case_that_cannot_be_is_named_by_its_place():
     assert run_many([]) == []
 
 
-def test_cases_are_halved_until_each_has_settled_as_it_does_alone():
+def test_halving_converges_for_each_case_as_it_does_alone():
     cases = [drop(0.02, 0.3, samples=10, span=0.1), drop(0.05, 0.9, samples=5, span=0.15), pendulum(0.4, 0.7)]
     together = run_many_halved(cases, tolerance=2e-5)
     for (motion, apart), case in zip(together, cases, strict=True):
@@ -208,11 +208,11 @@ def test_cases_are_halved_until_each_has_settled_as_it_does_alone():
     assert max(apart for _, apart in together) <= 2e-5
 
 
-def test_progress_of_many_tells_the_time_of_all():
-    told = []
+def test_progress_of_many_cases_is_their_total_time():
+    calls = []
     cases = [drop(h, 0.9, span=0.1) for h in (0.01, 0.02, 0.03)]
-    assert all(isinstance(one, Motion) for one in run_many(cases, progress=lambda *news: told.append(news)))
-    assert told[-1] == ("simulating", pytest.approx(0.3), pytest.approx(0.3))
+    assert all(isinstance(one, Motion) for one in run_many(cases, progress=lambda *news: calls.append(news)))
+    assert calls[-1] == ("simulating", pytest.approx(0.3), pytest.approx(0.3))
 
 
 def test_many_drops_are_the_drops_one_by_one():
@@ -223,7 +223,7 @@ def test_many_drops_are_the_drops_one_by_one():
         for e in (0.3, 0.8)
     ]
     trials.append(replace(trials[0], effects={"air_drag": {}}))
-    trials.append(replace(trials[0], duration=0.005))  # ends before the bead is let go
+    trials.append(replace(trials[0], duration=0.005))  # ends before the release
     for trial, track in zip(trials, drops.run_many(trials), strict=True):
         alone = drops.run(
             trial.rig, bead, steel, trial.contact, frame_rate=480, duration=trial.duration, effects=trial.effects
@@ -244,7 +244,7 @@ def test_many_pendulums_are_the_pendulums_one_by_one():
     assert all(np.array_equal(a.position, b.position) for a, b in zip(both, alone, strict=True))
 
 
-def test_many_plates_let_go_at_the_friction_of_each():
+def test_each_of_many_plates_has_the_onset_of_its_friction():
     slopes = (0.05, 0.1, 0.2)
     trials = [
         tilts.Trial(Tilt("slide", speed=0.2), sphere(), STEEL, Contact(0.4, mu, 0.06), frame_rate=240) for mu in slopes
@@ -257,7 +257,7 @@ def test_many_plates_let_go_at_the_friction_of_each():
     assert np.tan(onsets) == pytest.approx([*slopes, 0.06], abs=0.02)
 
 
-def test_a_clump_that_breaks_down_on_its_plate_takes_no_other_with_it(monkeypatch):
+def test_a_clump_that_breaks_down_on_its_plate_does_not_affect_others(monkeypatch):
     def breaks(*_all):
         raise SimulationFailed("The energy exploded")
 
@@ -268,7 +268,7 @@ def test_a_clump_that_breaks_down_on_its_plate_takes_no_other_with_it(monkeypatc
     assert len(angle.value) == 8
 
 
-def test_a_trial_that_cannot_be_is_named_by_its_place():
+def test_an_impossible_trial_is_named_by_its_index():
     good = drops.Trial(Drop(0.01), sphere(), STEEL, Contact(0.5), frame_rate=240, duration=0.03)
     clump = replace(good, particle=hlosta2020.particle("P6x15_3s"))
     with pytest.raises(BadInput, match=r"^trials\[1\]: drop_height"):
@@ -281,7 +281,7 @@ def test_a_trial_that_cannot_be_is_named_by_its_place():
         drops.run_many([good, 0.3])
 
 
-def test_a_run_of_minutes_reaches_its_samples_although_its_clock_is_coarser_by_then():
+def test_a_run_of_minutes_reaches_its_samples_despite_the_resolution_of_its_clock():
     # from 128 s on a clock of 64 bits goes in steps of 3e-14 s
     times = np.array([128.3, 200.0, 300.1])
     fell = run([Body(sphere(), (0.0, 0.0, 0.0))], times)

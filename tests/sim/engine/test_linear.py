@@ -1,4 +1,4 @@
-"""The linear contact law: what it returns, how long it lasts, and that both engines know it."""
+"""Linear contact law: restitution, duration of contact, and agreement of both engines."""
 
 import math
 
@@ -18,14 +18,14 @@ E_STAR = ASH.youngs_modulus / 2 / (1 - ASH.poisson_ratio**2)
 
 
 def spring(impact_speed: float) -> tuple[float, float]:
-    """Effective mass of two beads and the spring that stops them, at that speed, where Hertz's contact does."""
+    """Effective mass of two beads, and the spring with the same overlap as Hertz's contact at that speed."""
     mass, radius = BEAD.mass / 2, BEAD.radius / 2
     depth = (15 / 16 * mass * impact_speed**2 / (E_STAR * math.sqrt(radius))) ** (2 / 5)
     return mass, mass * impact_speed**2 / depth**2
 
 
 def head_on(e: float, speed: float, impact_speed: float = 1.0, samples: int = 4001, **more):
-    """Two beads that meet at `speed`, without gravity, sampled from just before until long after."""
+    """Two beads colliding at `speed` without gravity, sampled from just before to long after."""
     mass, stiffness = spring(impact_speed)
     period = math.pi * math.sqrt(mass / stiffness)
     step = period / 4000
@@ -39,13 +39,13 @@ def head_on(e: float, speed: float, impact_speed: float = 1.0, samples: int = 40
 
 @pytest.mark.parametrize("speed", [0.05, 5.0])
 @pytest.mark.parametrize("e", [0.1, 0.5, 0.9, 1.0])
-def test_the_restitution_put_in_comes_out_at_any_speed(e, speed):
+def test_rebounds_have_the_given_restitution_at_any_speed(e, speed):
     velocity = head_on(e, speed, samples=2).velocity[-1, :, 0]
     assert (velocity[1] - velocity[0]) / speed == pytest.approx(e, rel=2e-3)
 
 
 @pytest.mark.parametrize(("e", "speed"), [(1.0, 0.05), (1.0, 2.0), (0.6, 0.05), (0.6, 2.0)])
-def test_a_contact_lasts_as_long_as_the_damped_oscillator_says(e, speed):
+def test_the_duration_of_a_contact_is_that_of_the_damped_oscillator(e, speed):
     # it ends when the force is zero: with psi = sin(a), after (pi - 2 a) / (omega cos(a)), and e = exp(-... tan(a))
     mass, stiffness = spring(1.0)
     low, high = 0.0, math.pi / 2 - 1e-9
@@ -59,7 +59,7 @@ def test_a_contact_lasts_as_long_as_the_damped_oscillator_says(e, speed):
     assert changing.max() - changing.min() == pytest.approx(lasts, rel=5e-3)
 
 
-def test_an_undamped_impact_at_the_given_speed_goes_as_deep_as_hertz():
+def test_an_undamped_impact_at_the_given_speed_has_the_overlap_of_hertz():
     deepest = {}
     for law in ("linear", "Hertz-Mindlin"):
         mass, stiffness = spring(2.0)
@@ -98,7 +98,7 @@ def test_the_bulk_engine_makes_the_same_collisions_as_the_few_body_path(kinds):
     assert bed.beads().position == pytest.approx(motion.position[-1], abs=2e-6)
 
 
-def test_the_books_know_linear_springs():
+def test_the_energy_balance_includes_linear_springs():
     bed = Bulk(
         [BEAD], Contact(1.0), low=(-0.1,) * 3, high=(0.1,) * 3, gravity=(0, 0, 0), time_step=1e-6, threads=1,
         contact_law="linear",

@@ -1,4 +1,4 @@
-"""Rolling resistance of type A: a constant torque against a body's own spin, which never turns it back."""
+"""Rolling resistance of type A: a constant torque against a body's own spin, which never reverses it."""
 
 import math
 
@@ -33,7 +33,7 @@ def floor(contact=CONTACT) -> Wall:
 
 
 def lying(particle=D6, radius=None, carriers=1, gravity=G) -> float:
-    """Height [m] of a sphere that is pressed into the floor by its share of the particle's weight."""
+    """Height [m] of a sphere whose overlap with the floor carries its share of the particle's weight."""
     radius = particle.radius if radius is None else radius
     modulus = SOFT.youngs_modulus / (2 * (1 - SOFT.poisson_ratio**2))
     weight = particle.mass * gravity / carriers
@@ -69,9 +69,7 @@ def slope(tilt: float) -> tuple[float, float, float]:
 def test_a_sphere_on_a_slope_below_the_limit_stays_put(where):
     speed, spin = alone_or_in_bulk(where, [1000 * STEP, 20_000 * STEP], gravity=slope(math.atan(0.98 * MU_R)))
     assert np.array_equal(spin, np.zeros((2, 3)))
-    assert abs(speed[1]) < (
-        1e-8 if where == "few bodies" else 1e-15
-    )  # few bodies need not be moved any more below that
+    assert abs(speed[1]) < (1e-8 if where == "few bodies" else 1e-15)  # below this few bodies count as at rest
 
 
 @ENGINES
@@ -81,7 +79,7 @@ def test_a_sphere_on_a_slope_above_the_limit_rolls_as_the_closed_form_says(where
     tilt = math.atan(tangent)
     times = np.array([2000, 6000]) * STEP
     speed, spin = alone_or_in_bulk(where, times, gravity=slope(tilt), rolling=rolling)
-    # friction has a lever that is shorter than the radius by the overlap
+    # the lever of friction is shorter than the radius by the overlap
     lever = lying(gravity=G * math.cos(tilt)) / D6.radius
     expected = G * (math.sin(tilt) - MU_R / lever * math.cos(tilt)) / (1 + 0.4 / lever**2)
     assert np.diff(speed)[0] / np.diff(times)[0] == pytest.approx(expected, rel=1e-3)
@@ -101,13 +99,13 @@ def test_a_spinning_top_stops_when_the_closed_form_says_and_stays_stopped(where,
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
-def test_what_type_a_holds_creeps_with_the_step_where_the_resistance_is_explicit(share):
+def test_a_body_that_type_a_holds_creeps_under_explicit_resistance(share):
     step = share * STEP
     bed = bench(floor(), gravity=slope(math.atan(0.5 * MU_R)), rolling="type A explicit", time_step=step)
     bed.add([[0, 0, lying()]])
     bed.run(round(0.1 / step))
     pull = G * math.sin(math.atan(0.5 * MU_R))
-    # nothing speeds up: friction carries the weight along the slope, and its torque is stopped a step later
+    # no acceleration: friction carries the weight along the slope, and its torque is balanced a step later
     creeping = step * pull * D6.radius / (0.4 * D6.radius**2)
     assert bed.beads().spin[0, 1] == pytest.approx(creeping, rel=1e-2)
     assert bed.beads().velocity[0, 0] == pytest.approx(creeping * D6.radius, rel=1e-2)
@@ -115,8 +113,8 @@ def test_what_type_a_holds_creeps_with_the_step_where_the_resistance_is_explicit
 
 @LAWS
 @pytest.mark.parametrize("spin", [1e-100, 1e-156, 1e-161, 1e-300])
-def test_what_rounding_left_of_a_clump_s_spin_stays_nothing(rolling, spin):
-    """Its square is below what numbers can hold, so that its axis cannot be told from it."""
+def test_a_spin_left_by_rounding_does_not_grow(rolling, spin):
+    """Its square underflows, so that its axis cannot be computed."""
     bed = bench(floor(), particle=DUMBBELL, time_step=0.3 * DUMBBELL.rayleigh_time_step, rolling=rolling)
     bed.add([[0, 0, lying(DUMBBELL, 2e-3, carriers=2)]], spin=[[0, 0, spin]])
     bed.run(5)
@@ -126,7 +124,7 @@ def test_what_rounding_left_of_a_clump_s_spin_stays_nothing(rolling, spin):
 
 @LAWS
 def test_a_dumbbell_that_spins_lying_flat_stops_when_the_closed_form_says(rolling):
-    # without friction only rolling resistance is left; each sphere carries half the weight, as far from the middle
+    # without friction only rolling resistance acts; each sphere carries half the weight, at the same distance
     spin, r, half_length = 20.0, 2e-3, 1.5e-3
     smooth = Contact(0.5, 0.0, MU_R)
     bed = bench(
@@ -144,7 +142,7 @@ def test_a_dumbbell_that_spins_lying_flat_stops_when_the_closed_form_says(rollin
 
 
 def test_a_dumbbell_that_spins_upright_on_a_sphere_is_braked_by_the_distance_to_its_middle():
-    # the contact lies on the axis: a distance from the axis would brake nothing, the sphere's own radius too little
+    # the contact is on the axis: the distance from the axis would give no torque, the sphere's radius too little
     smooth = Contact(0.3, 0.0, MU_R)
     step = 0.2 * DUMBBELL.rayleigh_time_step
     bed = Bulk(
@@ -205,8 +203,8 @@ def test_one_thread_two_and_a_launch_per_step_give_the_same_bits(particle, count
         assert all(np.array_equal(getattr(found[0], name), getattr(other, name)) for name in vars(other))
 
 
-def test_what_rolling_resistance_takes_is_no_work_of_a_wall_that_turns():
-    # at the middle of a turntable no force moves; the torque acts against the bead's own spin
+def test_energy_lost_in_rolling_resistance_is_not_work_of_a_turning_wall():
+    # at the centre of a turntable forces do no work; the torque acts against the bead's own spin
     table = Wall(Disc((0, 0, 0), UP, 0.05), SOFT, CONTACT, Motion.turning(60, axis=UP))
     bed = bench(table)
     bed.add([[0, 0, lying()]], spin=[[0, 0, 20.0]])
@@ -219,8 +217,8 @@ def test_what_rolling_resistance_takes_is_no_work_of_a_wall_that_turns():
     assert abs(bed.work) < 1e-6 * taken
 
 
-def test_a_body_that_is_all_but_stopped_rests():
-    """What the brake leaves of a spin has no digits where both differ by rounding alone; it used to be no number."""
+def test_a_body_stopped_up_to_rounding_rests():
+    """If spin and braking differ by rounding only, the remaining spin has no valid digits; it used to be NaN."""
     from rigtwin.sim.engine.backend import start, ti
     from rigtwin.sim.engine.bulk.rigid_bodies import braked_momentum
 

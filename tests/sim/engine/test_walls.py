@@ -1,4 +1,4 @@
-"""Walls of every shape, still and moving: against closed forms, against each other, and to the bit."""
+"""Walls of every shape, at rest and in motion: closed forms, mutual comparison, reproducibility to the bit."""
 
 import math
 
@@ -47,18 +47,18 @@ def moving(shape: Shape, motion: Motion, contact=CONTACT, until=math.inf) -> Wal
 
 
 def depth(gravity=G) -> float:
-    """How deep [m] a bead lies in a floor that carries its weight."""
+    """Overlap [m] of a bead with a floor that carries its weight."""
     modulus = SOFT.youngs_modulus / (2 * (1 - SOFT.poisson_ratio**2))
     return (D6.mass * gravity / (4 / 3 * modulus * math.sqrt(D6.radius))) ** (2 / 3)
 
 
 def lying(x=0.0, y=0.0, z=0.0) -> list[float]:
-    """Where a bead lies at rest on a level wall at height z."""
+    """Position of a bead at rest on a horizontal wall at height z."""
     return [x, y, z + D6.radius - depth()]
 
 
 def sheet(n: int, side=0.1, z=0.0, seed=None) -> np.ndarray:
-    """A level square of 2 n^2 triangles, with inner corners moved about where there is a seed."""
+    """A horizontal square of 2 n^2 triangles; with a seed the inner corners are shifted at random."""
     ticks = np.linspace(-side / 2, side / 2, n + 1)
     x, y = np.meshgrid(ticks, ticks, indexing="ij")
     if seed is not None:
@@ -86,8 +86,8 @@ SHAPES = [
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-def test_beads_around_a_wall_feel_it_as_far_as_its_picture_is(shape):
-    # the picture is made of triangles: where it is round, 72 corners are within 0.1 % of the radius
+def test_the_distance_of_beads_to_a_wall_is_that_to_its_triangles(shape):
+    # the mesh consists of triangles; with 72 corners a circle is within 0.1 % of the radius
     rng = np.random.default_rng(4)
     centres = rng.uniform(-0.05, 0.06, (400, 3))
     gap = gaps(shape, centres, np.full(400, 0.02))
@@ -118,7 +118,7 @@ def test_a_wall_has_its_own_area_as_a_mesh(shape, expected):
     assert area(triangles(shape, DOMAIN)) == pytest.approx(expected, rel=2e-3)
 
 
-def test_the_cells_of_a_mesh_leave_out_no_triangle():
+def test_the_cells_of_a_mesh_contain_every_near_triangle():
     corners = sheet(12, seed=3)
     corners[..., 2] = 0.02 * np.sin(40 * corners[..., 0])
     points = np.random.default_rng(5).uniform(-0.07, 0.07, (300, 3))
@@ -157,7 +157,7 @@ def apart(one: engine.Beads, other: engine.Beads) -> float:
     ids=["plate", "squares", "crooked", "fine"],
 )
 def test_a_level_mesh_is_a_plane(floor):
-    # history must cross from triangle to triangle, and no edge may push
+    # the history must pass from triangle to triangle, and edges must not push
     assert apart(rolled(floor), rolled(Plane((0, 0, 0), UP))) < 1e-9
 
 
@@ -193,7 +193,7 @@ def test_a_box_of_plates_is_a_box_of_planes():
 
 
 def test_a_bead_rolls_over_the_edge_of_a_table_without_a_kick():
-    # over a convex edge the normal turns but the path is smooth: energy only falls, and hardly
+    # at a convex edge the normal turns but the path is smooth: energy only falls, and little
     corners = sheet(6, side=0.06)
     slope = corners.copy()
     slope[..., 0] += 0.06
@@ -258,7 +258,7 @@ def test_a_bead_on_the_axis_of_a_tube_touches_nothing():
 
 
 def test_any_number_of_walls_may_be_near_a_bead():
-    # a fan of 40 triangles around the point where the bead lands, more than there is room for
+    # a fan of 40 triangles around the landing point, more than the list has room for
     angle = np.arange(41) * 2 * math.pi / 40
     ring = np.stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), 0 * angle], axis=1)
     fan = Mesh(np.stack([np.zeros((40, 3)), ring[:-1], ring[1:]], axis=1))
@@ -281,7 +281,7 @@ def cone_mesh(cone: Cone, around: int) -> Mesh:
     return Mesh(np.concatenate([one, np.stack([low[1:], high[1:], high[:-1]], 1)]))
 
 
-def test_a_bead_rolls_down_a_cone_as_on_its_mesh_and_as_on_the_slope_that_it_is():
+def test_a_bead_rolls_down_a_cone_as_on_its_mesh_and_as_on_a_straight_slope():
     # a generator of the cone is a straight slope of 45 degrees
     cone = Cone((0, 0, 0), UP, 0.005, 0.085, 0.08)
     slope = math.radians(45)
@@ -301,7 +301,7 @@ def test_a_bead_rolls_down_a_cone_as_on_its_mesh_and_as_on_the_slope_that_it_is(
     assert ends[1].position == pytest.approx(ends[0].position, abs=2e-4 * way)
 
 
-def test_a_mesh_may_be_read_from_a_file_and_must_be_whole_where_it_is_said_to_be(tmp_path):
+def test_a_mesh_is_read_from_a_file_and_must_be_closed_if_declared_so(tmp_path):
     import trimesh
 
     trimesh.creation.box((40, 30, 20)).export(tmp_path / "box.stl")
@@ -332,7 +332,7 @@ def test_a_mesh_may_be_read_from_a_file_and_must_be_whole_where_it_is_said_to_be
         (lambda: bench(*[Plane((0, 0, -0.1), UP)] * 65), "at most 64"),
     ],
 )
-def test_a_wall_that_cannot_be_is_refused(make, message):
+def test_an_impossible_wall_is_refused(make, message):
     with pytest.raises(BadInput, match=message):
         make()
 
@@ -352,7 +352,7 @@ BELT = Motion((0.3, 0, 0))
     ids=["plane", "belt", "plate that slides along"],
 )
 def test_a_bead_on_a_belt_slides_until_it_rolls(belt):
-    # friction mu g drives it and turns it, until belt speed minus R w is its own: v = 2/7 of the belt's
+    # friction mu g accelerates and spins it until it rolls: v = 2/7 of the belt's speed
     mu = CONTACT.static_friction
     until_rolling = 2 / 7 * 0.3 / (mu * G)
     bed = bench(belt)
@@ -368,7 +368,7 @@ def test_a_bead_on_a_belt_slides_until_it_rolls(belt):
 
 
 def test_a_belt_carries_a_bead_that_cannot_roll_at_its_own_speed():
-    # two beads, one on the other's back, do not roll; here rolling resistance holds the one bead
+    # rolling resistance prevents the bead from rolling
     contact = Contact(0.5, 0.5, 10.0)
     bed = bench(moving(Plane((0, 0, 0), UP), BELT, contact), contact=contact)
     bed.add([lying(-0.05)])
@@ -379,22 +379,22 @@ def test_a_belt_carries_a_bead_that_cannot_roll_at_its_own_speed():
     assert bed.beads().spin[0] == pytest.approx([0, 0, 0], abs=0.05)
 
 
-def test_what_a_wall_gives_is_in_the_books():
+def test_the_work_of_a_wall_is_in_the_energy_balance():
     bed = bench(moving(Plane((0, 0, 0), UP), BELT))
     bed.add([lying(-0.05)])
     before = bed.budget()
     bed.run(50)
     sliding = bed.budget()
-    # the wall gives mu m g v; two sevenths of it at most stay in the bead
+    # power of the wall mu m g v; at most two sevenths of the energy remain in the bead
     assert sliding.work == pytest.approx(0.5 * D6.mass * G * 0.3 * bed.time, rel=0.05)
     assert 0 < sliding.total - before.total < sliding.work
     bed.run(3000)
     given = bed.work
     bed.run(1000)
-    assert bed.work == pytest.approx(given, rel=1e-6)  # rolling along costs nothing
+    assert bed.work == pytest.approx(given, rel=1e-6)  # rolling with the wall needs no work
 
 
-def test_a_lifted_plate_takes_its_bead_along_and_lowers_it_again():
+def test_a_lifted_plate_raises_its_bead_and_lowers_it_again():
     lift = Motion((0, 0, 0.1), start=0.01, stop=0.11)
     bed = bench(moving(Plate((-0.02, -0.02, 0), (0.04, 0, 0), (0, 0.04, 0)), lift))
     bed.add([lying()])
@@ -403,11 +403,11 @@ def test_a_lifted_plate_takes_its_bead_along_and_lowers_it_again():
     assert bed.beads().position[0, 2] == pytest.approx(lying()[2] + 0.1 * (bed.time - 0.01), abs=2e-6)
     bed.run(round(0.1 / STEP))
     assert bed.beads().position[0] == pytest.approx(lying(z=0.01), abs=1e-7)
-    # it lifts the weight, and at the start it gives the momentum m v at the speed v
+    # work against the weight, and for the momentum m v at the speed v at the start
     assert bed.work == pytest.approx(D6.mass * (G * 0.01 + 0.1**2), rel=0.02)
 
 
-def test_a_floor_that_is_taken_away_lets_its_bead_fall():
+def test_a_bead_falls_when_its_floor_is_removed():
     bed = bench(moving(Disc((0, 0, 0), UP, 0.02), Motion(), until=0.05))
     bed.add([lying()])
     bed.run(round(0.15 / STEP))
@@ -427,7 +427,7 @@ def test_a_wall_that_goes_too_far_in_a_step_is_refused():
     assert bed.beads().position[0] == pytest.approx(lying(), abs=1e-5)
 
 
-def test_walls_may_be_set_moving_and_taken_away_while_a_run_goes_on():
+def test_walls_may_be_moved_and_removed_during_a_run():
     def shelf() -> Bulk:
         bed = bench(Plate((-0.02, -0.02, 0), (0.04, 0, 0), (0, 0.04, 0)))
         bed.add([lying()])
@@ -446,7 +446,7 @@ def test_walls_may_be_set_moving_and_taken_away_while_a_run_goes_on():
         if again:
             run.restore(state)
         run.remove_wall(0)
-        run.add([[0, 0, run.beads().position[0, 2] - 0.01]])  # there is nothing any more to lie in
+        run.add([[0, 0, run.beads().position[0, 2] - 0.01]])  # no wall remains to overlap with
         run.run(1000)
         ends.append(run.beads())
     assert same(*ends)
@@ -454,7 +454,7 @@ def test_walls_may_be_set_moving_and_taken_away_while_a_run_goes_on():
 
 
 def test_a_bead_on_a_turntable_turns_with_it():
-    # mu g carries it at w^2 r; its history must turn with the table, or it would creep outwards
+    # friction below mu g provides w^2 r; its history must rotate with the table, or the bead would creep outwards
     table = moving(Disc((0, 0, 0), UP, 0.05), Motion.turning(60, axis=UP), Contact(0.5, 0.8, 10.0))
     bed = bench(table, contact=Contact(0.5, 0.8, 10.0))
     omega, r = 2 * math.pi, 0.03
@@ -470,7 +470,7 @@ DRUM = Cylinder((0, -0.03, 0), (0, 1, 0), 0.05, 0.06)
 
 
 def in_a_drum(shape: Shape, contact: Contact, *, rpm: float, start: float, spin: float, looks: int) -> np.ndarray:
-    """Where a bead is in a drum that turns about +y, as angles [rad] from the lowest point, every 200 steps."""
+    """Angles [rad] of a bead from the lowest point of a drum that turns about +y, every 200 steps."""
     bed = bench(moving(shape, Motion.turning(rpm, axis=(0, 1, 0)), contact), contact=contact)
     reach = 0.05 - D6.radius + depth(G * math.cos(start))
     bed.add([[-reach * math.sin(start), 0, -reach * math.cos(start)]], spin=[[0, spin, 0]])
@@ -483,8 +483,8 @@ def in_a_drum(shape: Shape, contact: Contact, *, rpm: float, start: float, spin:
 
 
 @pytest.mark.parametrize("mesh", [False, True], ids=["cylinder", "mesh"])
-def test_a_bead_in_a_drum_rolls_on_the_spot_where_rolling_friction_holds_it(mesh):
-    # the wall goes down on the side of -x, and the bead lies where tan(angle) = mu_r
+def test_a_bead_in_a_drum_rolls_at_the_angle_of_rolling_friction(mesh):
+    # the wall moves down on the side of -x, and the bead is at tan(angle) = mu_r
     shape, angle = cylinder_mesh(DRUM, 360) if mesh else DRUM, math.atan(0.1)
     spin = 20 * math.pi / 30 * 0.05 / D6.radius
     angles = in_a_drum(shape, Contact(0.5, 0.5, 0.1), rpm=20, start=angle, spin=spin, looks=40)
@@ -492,15 +492,15 @@ def test_a_bead_in_a_drum_rolls_on_the_spot_where_rolling_friction_holds_it(mesh
     assert angles.std() < 0.1 * angle
 
 
-def test_a_bead_that_starts_at_the_bottom_of_a_drum_swings_about_that_spot():
-    # rolling friction is the same at all speeds below the wall's: it moves the middle of the swing and damps nothing
+def test_a_bead_that_starts_at_the_bottom_of_a_drum_swings_about_the_angle_of_rolling_friction():
+    # rolling friction is constant below the wall's speed: it shifts the centre of the swing without damping
     angles = in_a_drum(DRUM, Contact(0.5, 0.5, 0.05), rpm=40, start=0.0, spin=40 * math.pi / 30 * 50 / 3, looks=80)
     time = np.arange(80) * 200 * STEP
     rate = math.sqrt(5 / 7 * G * math.cos(math.atan(0.05)) / 0.047)
     assert angles == pytest.approx(math.atan(0.05) * (1 - np.cos(rate * time)), abs=0.006)
 
 
-def test_a_bead_that_cannot_roll_in_a_drum_slides_where_friction_holds_it():
+def test_a_bead_that_cannot_roll_in_a_drum_slides_at_the_angle_of_friction():
     angle = math.atan(0.3)
     angles = in_a_drum(DRUM, Contact(0.5, 0.3, 10.0), rpm=60, start=angle, spin=0.0, looks=40)
     assert np.tan(angles.mean()) == pytest.approx(0.3, rel=0.03)
@@ -517,8 +517,8 @@ def cylinder_mesh(tube: Cylinder, around: int) -> Mesh:
     )
 
 
-def test_a_mesh_that_moves_is_met_where_it_is():
-    # a paddle wheel of one blade sweeps beads from the floor; at any time none is inside of it
+def test_contacts_follow_a_moving_mesh():
+    # a rotating blade sweeps beads from the floor; none may ever be inside it
     blade = Plate((0, -0.02, 0.0005), (0.05, 0, 0), (0, 0.04, 0))
     turn = Motion(spin=3.0, axis=(0, 0, 1))
     standing = Plate((0, 0, 0.0005), (0.05, 0, 0), (0, 0, 0.02))
@@ -536,7 +536,7 @@ def test_a_mesh_that_moves_is_met_where_it_is():
 # ---------------------------------------------------------------------- a few bodies
 
 
-def test_a_few_bodies_meet_the_same_walls():
+def test_few_bodies_and_the_bulk_engine_have_the_same_wall_contacts():
     # a bead bounces into a box and along a belt: once in the bulk, once alone, both with a fine step
     bead = Particle("D6", SOFT, 6e-3, density=569)
     walls = [Box((-0.02, -0.02, 0), (0.02, 0.02, 0.05), open_top=True), moving(Plane((0, 0, 0.001), UP), BELT)]
@@ -552,7 +552,7 @@ def test_a_few_bodies_meet_the_same_walls():
     assert alone.velocity[0] == pytest.approx(bed.beads().velocity, abs=2e-3)
 
 
-def test_a_bead_that_rests_wakes_when_its_floor_goes():
+def test_a_resting_bead_moves_when_its_floor_is_removed():
     floor = moving(Disc((0, 0, 0), UP, 0.02), Motion(), until=0.5)
     motion = few_body.run([few_body.Body(D6, (0, 0, 0.003))], np.array([0.5, 0.6]), walls=[floor])
     assert motion.position[:, 0, 2] == pytest.approx([lying()[2], lying()[2] - G * 0.1**2 / 2], abs=1e-6)
@@ -595,7 +595,7 @@ def test_one_thread_and_two_give_the_same_bits_with_moving_walls(churned, monkey
     assert bed.gone > 0
 
 
-def test_a_run_with_moving_walls_goes_on_with_the_same_bits(churned):
+def test_a_resumed_run_with_moving_walls_gives_the_same_bits(churned):
     bed = churn()
     states = []
     for steps in np.diff([0, 1, 1700, 4111, 8000]):
@@ -610,7 +610,7 @@ def test_a_run_with_moving_walls_goes_on_with_the_same_bits(churned):
         assert (again.work, again.gone) == churned[1:]
 
 
-def test_looking_at_the_books_does_not_show_in_the_bits(churned):
+def test_reading_the_energy_balance_does_not_change_the_bits(churned):
     bed = churn()
     for _ in range(90):
         bed.budget()

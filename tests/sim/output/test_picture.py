@@ -1,4 +1,4 @@
-"""The picture shows the beads where they are, the near ones before the far ones, and the walls as veils."""
+"""Pictures show beads at their positions, near ones in front of far ones, and walls as translucent."""
 
 import math
 
@@ -58,7 +58,7 @@ def test_the_near_bead_hides_the_far_one_whatever_their_order(turn, seen):
         assert (inked(image) & ~reddish(image)).any() == (seen == "blue")
 
 
-def test_a_wall_veils_what_is_behind_it_and_not_what_is_before_it():
+def test_a_wall_dims_beads_behind_it_and_not_those_in_front():
     looks = {}
     for y in (-2.0, 2.0):
         bead = np.array([[0, y, 0]])
@@ -76,7 +76,7 @@ def test_an_empty_picture_is_refused():
         draw(np.zeros((0, 3)), np.zeros(0))
 
 
-def test_flashes_stand_on_the_plate_that_they_fall_on():
+def test_strobe_images_end_on_the_plate():
     time = np.linspace(0, 1, 50)
     fall = Track(time, np.stack([0 * time, 6 - 5 * time], axis=1), np.full(50, 1e-3), "A")
     image = strobe([fall], [1.0], walls=slab((-2, -1), (2, 0)))

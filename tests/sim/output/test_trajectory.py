@@ -1,4 +1,4 @@
-"""Trajectories are read back frame by frame; the walls' mesh has the walls' area; the books of energy add up."""
+"""Trajectories are read back frame by frame; the mesh has the area of the walls; the energy balance closes."""
 
 import math
 from dataclasses import replace
@@ -27,7 +27,7 @@ BOWL = Pile(0.04, rim_height=0.008, outlet_diameter=0.02)
 BEADS, BASE = Contact(0.75, 0.44, 0.08), Contact(0.42, 0.36, 0.06)
 DOMAIN = (np.array([-0.1, -0.2, -0.01]), np.array([0.1, 0.1, 0.3]))
 SUFFIXES = [".gsd", ".vtkhdf"]
-COUNTS = (0, 5, 300, 280, 310, 1)  # beads in the frames of a film: they come and go
+COUNTS = (0, 5, 300, 280, 310, 1)  # numbers of beads in the frames
 
 
 def some_beads(count: int, seed: int) -> Beads:
@@ -69,7 +69,7 @@ def frames_of_gsd(path):
 
 
 def frames_of_vtkhdf(path):
-    """As the published layout says: every step names where its points, cells and data begin."""
+    """Read by the published layout: every step has the offsets of its points, cells and data."""
     with h5py.File(path) as file:
         root = file["VTKHDF"]
         steps = root["Steps"]
@@ -100,9 +100,11 @@ def test_every_frame_comes_back_with_all_that_was_put_in(suffix, tmp_path):
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("first", [1, 3, len(COUNTS)])
-def test_a_film_that_is_gone_on_with_is_like_one_made_at_a_stretch(suffix, first, tmp_path):
+def test_a_continued_trajectory_is_like_an_uninterrupted_one(suffix, first, tmp_path):
     whole = frames_of(film(tmp_path / f"whole{suffix}"))
-    path = film(tmp_path / f"film{suffix}", counts=(*COUNTS[:first], 40, 400, 7))  # the frames after `first` go
+    path = film(
+        tmp_path / f"film{suffix}", counts=(*COUNTS[:first], 40, 400, 7)
+    )  # the frames after `first` are dropped
     path = film(path, first=first)
     again = frames_of(path)
     assert len(again) == len(whole)
@@ -111,7 +113,7 @@ def test_a_film_that_is_gone_on_with_is_like_one_made_at_a_stretch(suffix, first
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_film_gets_its_name_when_it_is_closed_and_replaces_an_old_one_only_then(suffix, tmp_path):
+def test_a_trajectory_gets_its_name_and_replaces_an_old_one_when_it_is_closed(suffix, tmp_path):
     path = film(tmp_path / f"film{suffix}")
     before = path.read_bytes()
     made = trajectory.begin(path, ["D6"], DOMAIN)
@@ -122,7 +124,7 @@ def test_a_film_gets_its_name_when_it_is_closed_and_replaces_an_old_one_only_the
     assert [item.name for item in tmp_path.iterdir()] == [path.name]
 
 
-def test_frames_can_be_watched_while_the_run_goes_on(tmp_path):
+def test_frames_can_be_read_during_the_run(tmp_path):
     made = trajectory.begin(tmp_path / "film.gsd", ["D6"], DOMAIN)
     made.add(some_beads(30, 1), 0.0, 0)
     made.add(some_beads(31, 2), 0.1, 1)
@@ -175,7 +177,7 @@ def test_a_format_that_is_not_known_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_film_that_lacks_frames_or_is_none_is_not_gone_on_with(suffix, tmp_path):
+def test_an_incomplete_or_damaged_trajectory_is_not_continued(suffix, tmp_path):
     path = film(tmp_path / f"film{suffix}")
     with pytest.raises(BadInput, match="holds 6 of the 9 frames"):
         trajectory.begin(path, ["D6"], DOMAIN, frames=9)
@@ -187,7 +189,7 @@ def test_a_film_that_lacks_frames_or_is_none_is_not_gone_on_with(suffix, tmp_pat
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_damaged_film_moved_away_is_no_more_in_the_way_and_what_is_left_of_a_broken_run_is_named(suffix, tmp_path):
+def test_moving_a_damaged_trajectory_away_helps_and_a_damaged_part_file_is_named(suffix, tmp_path):
     path = film(tmp_path / f"film{suffix}")
     path.write_bytes(path.read_bytes()[:300])
     with pytest.raises(BadInput, match=f"film{suffix} cannot be"):
@@ -227,7 +229,7 @@ def test_a_wall_has_its_own_area_as_a_mesh(shape, expected):
         assert np.all(mesh.reshape(-1, 3) <= DOMAIN[1] + 1e-9)
 
 
-def test_the_walls_stand_in_one_mesh_that_names_each_by_number(tmp_path):
+def test_the_walls_form_one_mesh_with_the_number_of_each(tmp_path):
     shapes = [Disc((0, 0, 0), (0, 0, 1), 0.02), Cylinder((0, 0, 0), (0, 0, 1), 0.02, 0.01)]
     trajectory.write_walls(tmp_path / "walls.vtk", shapes, DOMAIN)
     lines = (tmp_path / "walls.vtk").read_text().splitlines()
@@ -244,7 +246,7 @@ def test_the_walls_stand_in_one_mesh_that_names_each_by_number(tmp_path):
     assert area(corners[faces[wall == 1, 1:]]) == pytest.approx(2 * math.pi * 0.02 * 0.01, rel=2e-3)
 
 
-# ---------------------------------------------------------------------- a run and its books
+# ---------------------------------------------------------------------- a run and its energy balance
 
 
 def heap(**more) -> pile.Heap:
@@ -258,7 +260,7 @@ def whole(tmp_path_factory) -> tuple[pile.Heap, list[dict[str, np.ndarray]]]:
     return heap(trajectory=path, trajectory_interval=5e-3), frames_of(path)
 
 
-def test_the_film_of_a_pile_ends_with_the_heap_and_has_a_frame_at_every_interval(whole):
+def test_the_trajectory_of_a_pile_ends_with_the_heap_and_has_a_frame_at_every_interval(whole):
     made, frames = whole
     times = np.array([frame["time"] for frame in frames])
     assert np.diff(times[:-1]) == pytest.approx(5e-3, rel=0.01)
@@ -270,7 +272,7 @@ def test_the_film_of_a_pile_ends_with_the_heap_and_has_a_frame_at_every_interval
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_broken_and_resumed_run_has_the_film_of_a_whole_one(suffix, whole, tmp_path):
+def test_an_interrupted_and_resumed_run_has_the_trajectory_of_an_uninterrupted_one(suffix, whole, tmp_path):
     more = {"trajectory": tmp_path / f"heap{suffix}", "trajectory_interval": 5e-3, "checkpoint": tmp_path / "heap.npz"}
     looks = []
 
@@ -290,7 +292,7 @@ def test_a_broken_and_resumed_run_has_the_film_of_a_whole_one(suffix, whole, tmp
     assert len(frames_of(more["trajectory"])) == len(whole[1])
 
 
-def test_a_film_that_begins_at_the_break_says_so(tmp_path):
+def test_a_trajectory_that_begins_at_the_interruption_gives_a_warning(tmp_path):
     def power_cut(stage, done, total):
         raise KeyboardInterrupt
 
@@ -302,7 +304,7 @@ def test_a_film_that_begins_at_the_break_says_so(tmp_path):
     assert again.warnings == resumed.warnings
 
 
-def test_what_led_to_a_failure_can_be_watched(tmp_path):
+def test_the_frames_before_a_failure_are_kept(tmp_path):
     run = lone([0.03, 0, 0.05], velocity=[1.5, 0, 0], gravity=(0, 0, 0))
     with pytest.raises(SimulationFailed):
         looked_at(run, 2000, trajectory=tmp_path / "film.gsd")
@@ -311,7 +313,7 @@ def test_what_led_to_a_failure_can_be_watched(tmp_path):
     assert len(frames) == 10  # it hits the end of the box, 70 mm on, after 47 ms
 
 
-def test_intervals_that_cannot_be_are_refused(tmp_path):
+def test_impossible_intervals_are_refused(tmp_path):
     with pytest.raises(BadInput, match="trajectory_interval"):
         heap(trajectory=tmp_path / "heap.gsd", trajectory_interval=0)
     with pytest.raises(BadInput, match="checkpoint_interval"):
@@ -337,7 +339,7 @@ def looked_at(run: Bulk, steps: int, looks: int = 1, trajectory=None) -> Logbook
     return logbook
 
 
-def test_a_falling_bead_trades_height_for_speed_in_the_books():
+def test_potential_energy_of_a_falling_bead_becomes_kinetic():
     books = looked_at(lone([0, 0, 0.09]), 200, looks=10).history
     assert books.supplied == pytest.approx(SOFT.mass * G * 0.09)
     assert books.kinetic[-1] == pytest.approx(SOFT.mass * G**2 * books.time[-1] ** 2 / 2, rel=1e-9)
@@ -346,7 +348,7 @@ def test_a_falling_bead_trades_height_for_speed_in_the_books():
 
 
 @pytest.mark.parametrize("partner", ["floor", "bead"])
-def test_an_elastic_collision_stores_in_its_spring_what_the_speed_has_lost(partner):
+def test_in_an_elastic_collision_the_lost_kinetic_energy_is_in_the_spring(partner):
     positions = [[0, 0, 0.0031]] if partner == "floor" else [[0, 0, 0.0501], [0, 0, 0.044]]
     velocity = [[0, 0, -0.5]] if partner == "floor" else [[0, 0, -0.5], [0, 0, 0.5]]
     run = lone(*positions, velocity=velocity, gravity=(0, 0, 0), fraction=0.003, contact=Contact(1.0))
@@ -361,12 +363,12 @@ def test_an_elastic_collision_stores_in_its_spring_what_the_speed_has_lost(partn
     assert books.largest_overlap.max() == pytest.approx(run.largest_overlap, rel=1e-4)
 
 
-def test_the_books_of_a_pile_close(whole):
+def test_the_energy_balance_of_a_pile_closes(whole):
     made, _frames = whole
     books = made.history
     assert books.beads.max() <= 90
     assert np.all(np.diff(books.supplied) >= 0)
-    # what beads bring: half m v^2 from the outlet, and at least the fall height
+    # energy of added beads: half m v^2 at the outlet, and at least the fall height
     speed = float(made.assumptions["outlet_speed"].split()[0])
     least = 90 * D6.mass * (speed**2 / 2 + G * 3 * D6.diameter)
     assert least < books.supplied[-1] < 3 * least
@@ -379,7 +381,7 @@ def test_the_books_of_a_pile_close(whole):
 
 
 @pytest.mark.parametrize(("fraction", "closes"), [(0.1, True), (0.3, True), (1.4, False)])
-def test_a_step_too_large_shows_as_energy_from_nowhere(fraction, closes):
+def test_too_large_a_step_shows_as_spurious_energy(fraction, closes):
     # two beads that never lose energy bounce on a floor and on each other
     run = lone([0, 0, 0.0035], [0, 0, 0.0097], fraction=fraction, contact=Contact(1.0))
     logbook = looked_at(run, max(1, round(6 / fraction)), looks=40)
