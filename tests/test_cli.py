@@ -372,7 +372,7 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
         ([*PILE, "--outlet-diameter", "95mm"], "--outlet-diameter: 95 mm is wider than the base of 90 mm"),
         (
             ["simulate", "pendulum", "--length", "6mm", "--release-angle", "45deg"],
-            "--length: 6 mm from hinge",
+            "--length: 6 mm from pivot",
         ),
         (["simulate", "pendulum", "--length", "30cm", "--release-angle", "179deg"], "more than 175; give less"),
         (["simulate", "drop", "--drop-height", "300mm", "--seed", "2"], "--seed: D6 is a sphere"),

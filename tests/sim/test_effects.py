@@ -456,7 +456,7 @@ def test_a_formula_found_in_residuals_acts_in_the_engine_as_the_equivalent_effec
     assert 10 - motion.position[:, 0, 2] == pytest.approx(fallen, rel=1e-6)
 
 
-@pytest.mark.parametrize(("name", "says"), [("form:place", "no twin carries"), ("form:wish", "no formula")])
+@pytest.mark.parametrize(("name", "says"), [("form:place", "no simulation implements"), ("form:wish", "no formula")])
 def test_a_formula_that_no_simulation_implements_is_refused(name, says):
     with pytest.raises(BadInput, match=says):
         active(name)

@@ -126,5 +126,5 @@ def test_a_cube_rebounds_from_the_wall_with_the_given_restitution(e):
 def test_settings_that_contradict_the_variant_are_refused():
     with pytest.raises(BadInput, match="is a clump"):
         pendulum.run(Pendulum(0.3, 0.5), hlosta2020.particle("C6_24s"), Contact(0.5), frame_rate=240)
-    with pytest.raises(BadInput, match="a string has no mass"):
+    with pytest.raises(BadInput, match="a string is taken as massless"):
         pendulum.run(Pendulum(0.3, 0.5, rod_mass=1e-3), D12, Contact(0.5), frame_rate=240)

@@ -205,5 +205,5 @@ def test_an_own_effect_that_pushes_by_the_clock_is_refused(tmp_path):
 
 def test_a_band_of_heights_is_read_from_a_model_file_and_a_push_by_the_clock_is_refused():
     assert named("form:band_sideways").force is not None
-    with pytest.raises(BadInput, match="no twin carries"):
+    with pytest.raises(BadInput, match="no simulation implements"):
         named("form:period")

@@ -368,7 +368,7 @@ def test_a_push_that_the_mirror_changes_has_a_side_of_its_own(force, aimed):
     [
         ("vx, vy, gap, radius, a", "a * vx, a * vy", "(Parameter('a', '1', 0, 1, 0.1),)", "force of effect mine fails"),
         ("vx, vy, gap, radius, mass, a", "a * vx", "(Parameter('a', '1', 0, 1, 0.1),)", "two numbers"),
-        ("vx, vy, gap, radius, mass, a", "a * vx / 0, vy", "(Parameter('a', '1', 0, 1, 0.1),)", "no finite number"),
+        ("vx, vy, gap, radius, mass, a", "a * vx / 0, vy", "(Parameter('a', '1', 0, 1, 0.1),)", "not finite"),
         ("vx, vy, gap, radius, mass", "vx, vy", "()", "no parameter"),
     ],
 )

@@ -346,7 +346,7 @@ def test_the_step_is_checked_against_rayleigh():
             time_step([D6], fraction)
     step, warnings = time_step([D6], 0.9, forced=True)
     assert step == pytest.approx(0.9 * D6.rayleigh_time_step)
-    assert "gain energy" in warnings[0]
+    assert "gain spurious energy" in warnings[0]
 
 
 def test_gravity_that_is_not_finite_is_refused():
