@@ -365,7 +365,7 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
         ([*HOPPER, "--variant", "slot", "--depth", "3mm"], "--depth: 3 mm between the end walls"),
         ([*DRUM, "--depth", "3mm", "--count", "20"], "--depth: 3 mm between the end walls"),
         ([*DRUM, "--depth", "3mm"], "give at least 6.4 mm"),
-        (["simulate", *DRUM[1:4], "--speed", "60000rpm", "--depth", "20mm"], "--speed: the drum's wall would pass by"),
+        (["simulate", *DRUM[1:4], "--speed", "60000rpm", "--depth", "20mm"], "--speed: the drum's wall would move at"),
         ([*PILE, "--pour-rate", "0.1/s", "--count", "100"], "--pour-rate: 100 particles take 1000 s"),
         (["simulate", "packing", "--cylinder-height", "5mm"], "--cylinder-height: 5 mm hold no particles of 6.2 mm"),
         ([*PILE, "--outlet-height", "1mm"], "--outlet-height: 1 mm above the base"),
