@@ -785,7 +785,10 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
             "packing --outlet-diameter 13mm --count 130000",
             ["--count: 130000 particles take ", "give fewer or a wider outlet"],
         ),
-        ("packing --count 9 --fall-height 9m --cylinder-height 8m", ["--fall-height: after a fall of 17 m", "give a smaller height"]),
+        (
+            "packing --count 9 --fall-height 9m --cylinder-height 8m",
+            ["--fall-height: after a fall of 17 m", "give a smaller height"],
+        ),
         (
             "pile --base-diameter 60mm --count 9 --method pouring --lift-speed 100m/s",
             ["--lift-speed: the tube is lifted at 100 m/s", "lift it more slowly"],
