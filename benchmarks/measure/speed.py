@@ -39,7 +39,8 @@ MEASURE = """
 import json, sys, time
 from pathlib import Path
 from rigtwin.lab.camera import Camera
-from rigtwin.measure import drop, pile
+from rigtwin.measure.drop import measurement as drop
+from rigtwin.measure.pile import measurement as pile
 import matplotlib.figure, scipy.ndimage, scipy.spatial, scipy.sparse.csgraph
 kind, media, out = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]) if sys.argv[3:] else None
 began = time.process_time()
