@@ -10,7 +10,7 @@ demo: $(READY)
 	$(BIN)/rigtwin demo --out out/demo
 
 test: $(READY)
-	$(BIN)/pytest -q -n 2 --dist worksteal -m "not slow"
+	$(BIN)/pytest -q -n 2 --dist loadscope -m "not slow"
 
 test-slow: $(READY)
 	$(BIN)/pytest -q -m slow

@@ -27,6 +27,32 @@ if importlib.util.find_spec("rigtwin") is None:
     spec.loader.exec_module(module)
 
 
+# each process compiles the engine's kernels and weighs the paper's clumps anew: one runs all tests that need them
+ENGINE = ("tests/sim/", "tests/compare/", "tests/test_cli.py", "tests/test_api.py", "tests/lab/test_clumps.py")
+NO_ENGINE = ("tests/compare/diagnose/",)
+# next to nothing is shared among these: they fill up the process that would be ready first
+SINGLE = ("tests/measure/hopper/", "tests/measure/drum/", "tests/measure/tilt/", "tests/measure/tracking/")
+
+
+def process_of(test: str) -> str:
+    """The name of the group of tests that one process runs: by default those of one file, which share its fixtures."""
+    if test.startswith(ENGINE) and not test.startswith(NO_ENGINE):
+        return "engine"
+    return test if test.startswith(SINGLE) else test.partition("::")[0]
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """What `--dist loadscope` hands to a process at a time; the largest groups come first."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Groups(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return process_of(nodeid)
+
+    return Groups(config, log) if config.getoption("dist") == "loadscope" else None
+
+
 class AtOnce(Executor):
     """Does each job where it is submitted."""
 
