@@ -31,7 +31,7 @@ if importlib.util.find_spec("rigtwin") is None:
 ENGINE = ("tests/sim/", "tests/compare/", "tests/test_cli.py", "tests/test_api.py", "tests/lab/test_clumps.py")
 NO_ENGINE = ("tests/compare/diagnose/",)
 # next to nothing is shared among these: they fill up the process that would be ready first
-SINGLE = ("tests/measure/hopper/", "tests/measure/drum/", "tests/measure/tilt/", "tests/measure/tracking/")
+SINGLE = ("tests/measure/hopper/", "tests/measure/drum/", "tests/measure/tracking/")
 
 
 def process_of(test: str) -> str:

@@ -29,7 +29,7 @@ def first_bounce(tumble):
     return tumble.velocity[k], tumble.velocity[k + 1], tumble.spin[k + 1], k
 
 
-@pytest.mark.parametrize("turned", [1.2, 1.4, -1.1])
+@pytest.mark.parametrize("turned", [1.2, pytest.param(1.4, marks=pytest.mark.slow), -1.1])
 def test_an_elastic_impact_on_a_pellets_end_follows_the_impulse_equations(turned):
     """Without friction J = 2 v / (1/m + r^2/I) at the end sphere, r being its place along the plate."""
     tumble = fall(PELLET, turned, restitution=1.0, static_friction=0.0, rolling_friction=0.0)
@@ -49,7 +49,9 @@ def test_an_elastic_impact_on_a_pellets_end_follows_the_impulse_equations(turned
     assert np.abs(spin[[0, 2]]).max() < 1e-6
 
 
-@pytest.mark.parametrize("particle", [PELLET, CUBE], ids=lambda particle: particle.name)
+@pytest.mark.parametrize(
+    "particle", [PELLET, pytest.param(CUBE, marks=pytest.mark.slow)], ids=lambda particle: particle.name
+)
 def test_energy_is_conserved_without_damping_and_never_gained_with_it(particle):
     def energy(tumble, k):
         moments = np.array(particle.moments) / particle.mass
@@ -77,7 +79,7 @@ def test_a_clump_landing_flat_rebounds_vertically():
     assert tumble.lowest == pytest.approx(3.1e-3)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("frame_rate", [240, 1000])
 def test_two_views_give_the_speed_in_all_directions(seed, frame_rate):
     tumble = fall(PELLET, seed=seed, frame_rate=frame_rate, bounces=2)

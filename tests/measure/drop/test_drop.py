@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rigtwin.lab.camera import Camera, Lens
+from rigtwin.lab.camera import Camera, Lens, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure, UnreadableMedia
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure.drop import bounce_fit, checks, fall_in_air
@@ -469,6 +469,7 @@ def film(
 
 
 CAMERA = Camera(frame_rate=FPS)
+CUT = Moment(115, "frame")  # a little after the second impact: enough for scales and their checks
 
 
 @pytest.fixture(scope="module")
@@ -504,7 +505,7 @@ def test_all_output_files_are_written(measured):
 
 
 def test_scales_from_rule_bead_and_gravity_agree(clip, measured):
-    given = drop_measurement.measure(clip, Camera(frame_rate=FPS, scale=SCALE))
+    given = drop_measurement.measure(clip, Camera(frame_rate=FPS, scale=SCALE, end=CUT))
     gravity = drop_measurement.measure(clip, CAMERA)
     assert given.camera["scale_from"] == "given"
     assert gravity.camera["scale_from"] == "gravity"
@@ -580,7 +581,7 @@ def test_without_density_the_drag_law_of_the_diameter_is_used():
 
 def test_the_uncertainty_of_a_board_enters_the_budget_of_heights(clip):
     board = Lens((176, 352), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0), SCALE, 0.02, 0.1)
-    result = drop_measurement.measure(clip, Camera(frame_rate=FPS, scale=SCALE, lens=board))
+    result = drop_measurement.measure(clip, Camera(frame_rate=FPS, scale=SCALE, lens=board, end=CUT))
     height = pick(result.quantities, "drop_height")
     assert result.camera["scale_from"] == "board"
     assert height.budget["scale"] == pytest.approx(0.02 * height.value)
@@ -633,14 +634,16 @@ def test_a_region_outside_the_picture_is_bad_input(clip):
 
 @pytest.mark.parametrize(("degrees", "passed"), [(0.0, True), (4.0, False)])
 def test_a_camera_roll_that_contradicts_the_fall_makes_lengths_doubtful(clip, degrees, passed):
-    result = drop_measurement.measure(clip, Camera(frame_rate=FPS, roll=math.radians(degrees)), bead_diameter=DIAMETER)
+    result = drop_measurement.measure(
+        clip, Camera(frame_rate=FPS, roll=math.radians(degrees), end=CUT), bead_diameter=DIAMETER
+    )
     assert check(result, "camera_roll").passed is passed
     # a failed check marks all quantities that depend on it, and no others
     assert all(("camera roll" in each.doubtful) is (each.unit == "m" and not passed) for each in result.quantities)
 
 
 def test_heights_with_scale_from_gravity_and_rate_from_the_file_are_doubtful(clip):
-    result = drop_measurement.measure(clip, Camera())
+    result = drop_measurement.measure(clip, Camera(end=CUT))
     assert "give --frame-rate" in pick(result.quantities, "drop_height").doubtful
     assert not pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
 
@@ -662,7 +665,7 @@ def test_a_clip_of_a_still_camera_is_read_at_most_twice(clip, monkeypatch):
 
 
 def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):
-    result = drop_measurement.measure(clip, Camera(scale=SCALE))
+    result = drop_measurement.measure(clip, Camera(scale=SCALE, end=CUT))
     assert not check(result, "gravity").passed
     assert "captured at 240 Hz" in check(result, "gravity").message
     assert any("read from the file" in line for line in result.warnings)

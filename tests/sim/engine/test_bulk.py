@@ -113,7 +113,8 @@ def test_beads_scaled_down_collide_as_a_kind_of_that_size_does(rolling):
         bed.add([[0.001, 0, 0], [0.0043, 0, 0.0005]], [[-0.5, 0, 0]], [[0, 40, -20]], kind=int(as_kind), scale=scale)
         # a larger arena must keep the scales
         bed.add([[0.01 * k - 0.09, 0.05, 0.01 * layer] for k in range(18) for layer in range(3)])
-        bed._grow(4096, 1, 1)
+        if rolling == "type C":
+            bed._grow(4096, 1, 1)
         bed.run(200)
         ends.append(bed.beads())
     assert np.abs(ends[0].velocity[:3] - [[0.5, 0.1, 0.2], [-0.5, 0, 0], [-0.5, 0, 0]]).max() > 0.1
@@ -257,7 +258,7 @@ def test_the_number_of_launches_does_not_change_the_bits(monkeypatch):
 
 def test_a_full_neighbour_list_grows_and_loses_no_contact():
     plenty = poured(1)
-    assert same_bits(poured(1, pair_capacity=1000), plenty)
+    assert same_bits(poured(1, pair_capacity=70), plenty)
 
 
 @pytest.mark.parametrize("rolling", ["type A", "type C"])

@@ -170,8 +170,15 @@ def test_a_state_that_lacks_what_a_step_reads_is_refused():
             bed(FLOOR).restore(changed)
 
 
-@pytest.mark.parametrize("rolling", ["type A", "type C"])
-@pytest.mark.parametrize("pair_capacity", [None, 70])
+@pytest.mark.parametrize(
+    ("pair_capacity", "rolling"),
+    [
+        (None, "type A"),
+        pytest.param(None, "type C", marks=pytest.mark.slow),
+        pytest.param(70, "type A", marks=pytest.mark.slow),
+        (70, "type C"),
+    ],
+)
 def test_the_state_holds_all_that_later_steps_depend_on(rolling, pair_capacity):
     more = {"rolling": rolling, "pair_capacity": pair_capacity}
     breaks = [0, *np.random.default_rng(3).integers(1, 900, 4).tolist()]  # the first before any list is built

@@ -209,7 +209,7 @@ def test_growing_the_tables_does_not_change_the_bits():
     assert same_bits(small.grains(), expected)
 
 
-@pytest.mark.parametrize("rolling", ["type A", "type C"])
+@pytest.mark.parametrize("rolling", ["type A", pytest.param("type C", marks=pytest.mark.slow)])
 def test_the_state_holds_all_that_later_steps_depend_on(rolling):
     run = heap(open_domain=True, rolling=rolling)
     run.add([[0.005, 0, 0.19], [-0.005, 0, 0.19]], [[0, 0, 2.0], [0, 0, 1.0]])  # these leave, one after the other
