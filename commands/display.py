@@ -90,6 +90,8 @@ def show_measurement(measurement: Measurement, as_json: bool, quiet: bool) -> No
         return
     console = _console()
     _show_quantities(console, f"{measurement.rig}: {measurement.source.name}", measurement.quantities)
+    if measurement.table:
+        console.print(f"[dim]table:[/dim] {escape(measurement.table['in_words'])}")
     _show_scale(console, measurement.camera)
     _show_rest(console, measurement.checks, measurement.warnings, measurement.files, measurement.quantities)
 

@@ -22,7 +22,11 @@ UPPER, LOWER = "angle_of_repose_upper", "angle_of_repose_lower"
 
 FREQUENCY = "avalanche_frequency"
 
+OF_SURFACE = (GRAPHICAL, GEOMETRIC, UPPER, LOWER)
+
 MIDDLE = "line, middle half"
+
+SLOPE = "slope over time"
 
 WHOLE = "line, 10-90 %"
 
@@ -141,6 +145,38 @@ def evaluate(
         raise BadInput("drum: times do not increase from profile to profile; sort the profiles by time.")
     radius = drum_diameter / 2 if drum_diameter is not None else None
     return evaluate_observation(Observation(profiles, times, radius, bead=bead_diameter), speed, radius)
+
+
+def evaluate_slope(slope: Series, speed: float | None = None) -> Evaluation:
+    """Evaluate the slope of a drum's surface over time, measured elsewhere.
+
+    Parameters
+    ----------
+    slope : Series
+        Angle of the surface against the horizontal over time [s], in "rad" or "deg".
+    speed : float, optional
+        Angular speed of the drum [rad/s].
+
+    Returns
+    -------
+    Evaluation
+        ``angle_of_repose_graphical`` [deg], the mean over the steady part, and the avalanches where there are some.
+
+    Raises
+    ------
+    NothingToMeasure
+        If no value is finite.
+    """
+    must_be_positive(speed=speed)
+    x = np.linspace(-1.0, 1.0, 9)  # in any unit: a straight surface has the slope everywhere
+    tangents = np.tan(np.radians(slope.value) if slope.unit == "deg" else slope.value)
+    surfaces = [Profile(x, tangent * x, np.full(len(x), np.nan)) for tangent in tangents]
+    found = evaluate_observation(Observation(surfaces, slope.time, None), speed, None)
+    kept = [each for each in found.quantities if each.method == MIDDLE or each.quantity not in OF_SURFACE]
+    quantities = tuple(
+        replace(each, method=SLOPE) if each.method == MIDDLE and each.quantity == GRAPHICAL else each for each in kept
+    )
+    return replace(found, quantities=quantities)
 
 
 def angles_over_time(profiles: Sequence[Profile], times: Array, *, drum_diameter: float) -> tuple[Series, Series]:

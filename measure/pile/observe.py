@@ -15,9 +15,11 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import failed
-from rigtwin.lab.records import Profile, read_profile
+from rigtwin.lab.records import Profile
+from rigtwin.lab.tracked.read import read_profiles
+from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.bulk.hidden_surface import glare_in, under_glare
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
@@ -56,8 +58,13 @@ STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degre
 DOUBTFUL_COVER = 0.83  # share of the heap covered by circles; below it the outline may belong to something else
 
 
-def observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[Observation, dict[str, Any], Draw]:
-    profile = replace(read_profile(path), view=name)
+def observe_table(
+    path: Path, name: str, camera: Camera, options: TableOptions | None, base_diameter: float | None
+) -> tuple[Observation, dict[str, Any], Draw]:
+    read = read_profiles(path, options, scale=camera.given_scale, heap=True)
+    if len(read.profiles) > 1:
+        raise BadInput(f"{path}: holds {len(read.profiles)} profiles over time; give the one of the heap at rest.")
+    profile = replace(read.profiles[0], view=name)
     if base_diameter is not None:
         profile = replace(profile, base=(-base_diameter / 2, base_diameter / 2))
 
@@ -66,7 +73,12 @@ def observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[O
 
         return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")}
 
-    view = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
+    view = {
+        "scale_m_per_px": camera.given_scale,
+        "scale_from": "profile table" if camera.given_scale is None else camera.scale_from,
+        "camera_roll_deg": None,
+        "table": read.understood.to_json(),
+    }
     return Observation(profile), view, draw
 
 

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
-from rigtwin.lab.records import Profile, read_profile, write_profile
+from rigtwin.lab.records import Profile, write_profile
+from rigtwin.lab.tracked.read import read_profile
 from rigtwin.measure.bulk.beads import find_beads
 from rigtwin.measure.bulk.outline import View
 from rigtwin.measure.pile.base_disc import _face_share, _first_edge, _Template
