@@ -16,7 +16,7 @@ from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series
 from rigtwin.lab.tracked.table import TableOptions
-from rigtwin.measure.tilt.evaluate import GIVEN_DOUBT, evaluate_run, onset_of, way_down
+from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, evaluate_run, onset_of, way_down
 from rigtwin.measure.tilt.onset import Variant
 
 NOMINAL = 3e-4  # [m/px], until gravity gives the scale
@@ -65,7 +65,7 @@ def measure_table(
     track, axes = in_the_rigs_axes(plate.series, body)
     if not known:
         track = replace(track, position=NOMINAL * track.position, sigma=NOMINAL * track.sigma)
-    doubt = GIVEN_DOUBT if known else math.inf
+    doubt = GIVEN_UNCERTAINTY if known else math.inf
     way = way_down(plate.series, [track], variant, bead_diameter, doubt)
     run, onset = onset_of(way, str(path))
     view: dict[str, object] = {}
