@@ -183,15 +183,15 @@ def _measure_table(
     track, repeats, losses, fitted = readable(longest, drag if in_metres else AirDrag())
     bounces = bounces_of(track, drag if in_metres else AirDrag(), str(path), fitted=fitted, in_metres=in_metres)
     view: dict[str, object] = {}
-    doubt = camera.scale_uncertainty(SCALE_UNCERTAINTY) if camera.given_scale is not None and in_metres else 0.0
+    uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if camera.given_scale is not None and in_metres else 0.0
     warnings: tuple[str, ...] = ()
     if not in_metres:
         size, parts = bounces.read(lambda at: at.size)
-        doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
+        uncertainty = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
         track = replace(track, position=track.position / size, sigma=track.sigma / size)
         bounces = bounces_of(track, drag, str(path), in_metres=True)
         per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
-        view = {per: 1 / size, "scale_std_rel": doubt, "scale_from": "gravity"}
+        view = {per: 1 / size, "scale_std_rel": uncertainty, "scale_from": "gravity"}
         warnings = (
             f"lengths are in {read.unit or 'a unit that is not stated'}, so the scale was taken from gravity and "
             "depends on the square of the frame rate; give --scale, or the unit with --columns.",
@@ -199,7 +199,7 @@ def _measure_table(
     elif camera.given_scale is not None:
         view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
     evaluation = evaluate_bounces(
-        track, bounces, scale_uncertainty=doubt, rate=rate_of(longest), repeats=repeats, losses=losses
+        track, bounces, scale_uncertainty=uncertainty, rate=rate_of(longest), repeats=repeats, losses=losses
     )
     warnings = (*warnings, *evaluation.warnings, *read.understood.proposals)
     if len(read.tracks) > 1:
