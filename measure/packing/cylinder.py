@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -17,9 +16,15 @@ from rigtwin.measure.bulk.outline import Silhouette, View, outline_of
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
+from rigtwin.measure.packing.grain_region import Straight, grain_region, lower_ends, sides, straightened
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
+NEXT_TO = 2.0  # [bead radii], from the region to the middle of a bead that lies on it
+WITHIN, BEYOND = 0.5, 1.2  # [bead radii], by which a wall may lie within and beyond the usual end of the grains
+USUAL_TILT, TILT_UNCERTAINTY = 0.04, 0.05  # [rad], of the camera downwards, and its standard deviation
+# [bead radii], scatter of the lower ends of the grains about the foot of the bed, and standard uncertainty of its level
+ENDS_SCATTER, ENDS_LEVEL = 0.2, 0.3
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
 WALL_TO_WALL = 3  # beads; a row with fewer does not show both walls
@@ -123,17 +128,25 @@ def find_bed(
     if beads is None or len(beads.centre) < FEWEST:
         return None
     upright, roll_seen = _upright(grey, roll)
-    ratio = cylinder / bead if cylinder and bead else None
-    middle = float(np.median(beads.centre[:, 1]))
-    column = float(np.median(beads.centre[:, 0]))
-    lean = upright.at(column)[0]
+    odds, region_of_grains = grain_region(image, grey, beads)
+    if not region_of_grains.any():
+        return None
+    lean = upright.at(float(np.median(np.nonzero(region_of_grains)[1])))[0]
+    straight = straightened(odds, region_of_grains, lean, beads.radius)
+    column, middle = straight.centre
+    left, right = _walls(straight, beads.radius, upright)
+    width = right - left
     centre = beads.centre - np.array([column, middle])
     across = centre[:, 0] * math.cos(lean) - centre[:, 1] * math.sin(lean)
     down = centre[:, 1] * math.cos(lean) + centre[:, 0] * math.sin(lean)
-    left, right = _walls(across, down, beads.radius, ratio, upright, (column, middle))
-    width = right - left
+    ratio = cylinder / bead if cylinder and bead else None
     radius = width / 2 / ratio if ratio else beads.radius
-    inside = _in_the_bed(across, down, (left, right), beads.radius)
+    apart = cv2.distanceTransform(1 - region_of_grains.astype(np.uint8), cv2.DIST_L2, 3)
+    inside = (
+        (at(np.asarray(apart, dtype=np.float32), beads.centre) < NEXT_TO * beads.radius)
+        & (across > left)
+        & (across < right)
+    )
     if np.sum(inside) < FEWEST:
         return None
     seen_radius = rim_radius(grey, Beads(beads.centre[inside], beads.radius))
@@ -146,7 +159,9 @@ def find_bed(
     beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
     beyond = float(np.mean(((across < left) | (across > right))[beside])) if beside.any() else 0.0
     offset = (left + right) / 2
-    floor, floor_sigma, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius)
+    ends = lower_ends(straight, (left, right))
+    expected = _expected_slope(image.shape, middle + float(np.median(ends[1])))
+    floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected)
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
         middle - offset * math.sin(lean) + floor * math.cos(lean),
@@ -169,7 +184,7 @@ def find_bed(
         row = gauge.row_of(0.0)
         zero = row - (gauge.column_at(row) - axis[0]) * math.tan(horizontal)
         known = floor - (axis[1] - zero) / math.cos(lean)
-        _, _, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius, known)
+        _, _, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected, known)
     bed = Bed(
         axis,
         lean,
@@ -259,96 +274,57 @@ def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float
     return level_of(lines, turned.shape, -roll), (-seen[0], seen[1]) if free.lines else None
 
 
-def _walls(
-    across: Array, down: Array, radius: float, ratio: float | None, upright: Level, middle: tuple[float, float]
-) -> tuple[float, float]:
-    """Columns of the inner walls at the bed's middle row, from the outermost beads and long upright edges near them."""
+def _walls(straight: Straight, radius: float, upright: Level) -> tuple[float, float]:
+    """Columns of the inner walls from the region's middle: the upright edges nearest to the ends of the grains.
+
+    Grains touch the walls, so their ends lie at the inner walls or up to a bead radius within them; whatever stands
+    behind or beside the cylinder has its edges elsewhere.
+    """
     # lines are in the transposed picture: (row, column)
-    places = [line.start[1] + (middle[1] - line.start[0]) * math.tan(line.slope) - middle[0] for line in upright.lines]
-    _, once = np.unique(np.floor(np.stack([across, down]) / radius), axis=1, return_index=True)
-    starts = np.sort(across[once])
-    # other round things may lie outside the walls: start from an estimate of the width if the bead size does not give
-    # it
-    width = 2 * radius * ratio if ratio is not None else float(np.ptp(np.percentile(starts, (2, 98)))) + 2 * radius
-
-    def held(left: float, right: float) -> int:
-        return int(np.searchsorted(starts, right) - np.searchsorted(starts, left))
-
-    # best: two upright edges as far apart as the walls that hold most beads between them; of these the inner ones
-    least, most_wide = (1 - WALL_TOLERANCE) * width, (1 + WALL_TOLERANCE) * width
-    pairs = [(one, two) for one in places for two in places if least < two - one < most_wide]
-    most = max((held(*pair) for pair in pairs), default=0)
-    if most > 0.8 * max(held(start - radius, start + width) for start in starts.tolist()):
-        return min((pair for pair in pairs if held(*pair) > 0.96 * most), key=lambda pair: pair[1] - pair[0])
-    if ratio is not None:
-        # otherwise the strip that holds the most beads
-        first = max(starts.tolist(), key=lambda start: held(start, start + width - 1.8 * radius))
-        across = across[(across >= first) & (across <= first + width - 1.8 * radius)]
-    low, high = np.percentile(across, (2, 98))
-    ends = [float(low) - radius, float(high) + radius]
-    for side in (0, 1):
-        near = [place for place in places if abs(place - ends[side]) < 0.4 * radius]
-        if near:
-            ends[side] = min(near, key=lambda place: abs(place - ends[side]))
-    return ends[0], ends[1]
+    column, middle = straight.centre
+    places = [line.start[1] + (middle - line.start[0]) * math.tan(line.slope) - column for line in upright.lines]
+    walls = []
+    for sign, ends in zip((-1, 1), sides(straight), strict=True):
+        end = float(np.median(ends))
+        near = [place for place in places if -WITHIN * radius < sign * (place - end) < BEYOND * radius]
+        walls.append(min(near, key=lambda place: abs(place - end)) if near else end)
+    return walls[0], walls[1]
 
 
-def _in_the_bed(across: Array, down: Array, walls: tuple[float, float], radius: float) -> npt.NDArray[np.bool_]:
-    """Mask of circles between the walls in rows filled with beads; other round things stand in sparse rows."""
-    inside = (across > walls[0]) & (across < walls[1])
-    rows = np.arange(down.min(), down.max() + radius, radius)
-    filled = []
-    for row in rows:
-        near = inside & (np.abs(down - row) < radius)
-        places = np.unique(np.floor((across[near] - walls[0]) / (2 * radius)))
-        filled.append(len(places) * 2 * radius / (walls[1] - walls[0]))
-    full = np.flatnonzero(np.array(filled) > 0.4)
-    if len(full) == 0:
-        return inside
-    runs = np.split(full, np.flatnonzero(np.diff(full) > 2) + 1)
-    # an object in front of the bed may split it: runs of full rows belong to it wherever they are
-    kept = np.concatenate([run for run in runs if len(run) >= min(FEWEST_ROWS, max(map(len, runs)))])
-    return np.asarray(inside & (down > rows[kept[0]] - 1.5 * radius) & (down < rows[kept[-1]] + 1.2 * radius))
+def _expected_slope(shape: tuple[int, ...], floor: float) -> float:
+    """Slope of the line of sight to the floor, seen with the usual focal length and tilt."""
+    return (floor - shape[0] / 2) / (FOCAL_SIDES * max(shape[:2])) + USUAL_TILT
 
 
 def _floor(
-    across: Array, down: Array, half: float, radius: float, known: float | None = None
+    x: Array, y: Array, half: float, radius: float, expected: float, known: float | None = None
 ) -> tuple[float, float, float, float]:
     """Floor row at the axis, its standard uncertainty, distance of the floor's front below it, its uncertainty [px].
 
-    `known` is the floor row from a gauge.  The lowest beads of a bed seen from above form an arc, because those in
-    front touch the floor in front.
+    `x` from the axis and `y` are the lower ends of the grains, `known` is the floor row from a gauge.  The foot of a
+    bed seen from above is half an ellipse.  Low floor and steep view are separated only by its shape, so the view has
+    the `expected` slope within `TILT_UNCERTAINTY`.
     """
-    bins = np.linspace(-0.93 * half, 0.93 * half, 15)
-    places, lowest = [], []
-    for left, right in itertools.pairwise(bins):
-        here = (across >= left) & (across < right)
-        if np.any(here):
-            k = int(np.argmax(np.where(here, down, -np.inf)))
-            places.append(across[k])
-            lowest.append(down[k] + radius)
-    x, y = np.array(places), np.array(lowest)
-    arc = np.sqrt(np.clip(1 - (x / (half - 0.5 * radius)) ** 2, 0, 1)) * (1 - radius / half)
-    weight = np.ones_like(y)
-    scale = level_sigma = 0.0
-    answer = np.array([float(np.median(y)), 0.0])
-    for _ in range(12):
-        design = np.column_stack([np.ones_like(x), arc]) * weight[:, None]
-        if known is None:
-            normal = design.T @ design + np.diag([0.0, 0.3])
-            answer = np.linalg.solve(normal, design.T @ (y * weight))
-            # low floor and steep view are separated only by the shape of the arc
-            level_sigma = scale * math.sqrt(float(np.linalg.inv(normal)[0, 0]))
-        else:
-            bulge = float(design[:, 1] @ ((y - known) * weight) / (design[:, 1] @ design[:, 1]))
-            answer = np.array([known, bulge])
-        answer[1] = max(answer[1], 0.0) if known is None else answer[1]
-        miss = y - answer @ np.array([np.ones_like(x), arc])
-        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.1 * radius)
-        # a missed bead leaves a higher one as the lowest, so negative residuals are weighted less
-        weight = np.where(miss < 0, 1 / (1 + (miss / (1.5 * scale)) ** 2), 1 / (1 + (miss / (2.5 * scale)) ** 2))
-    floor_sigma = math.hypot(max(0.35 * radius, 1.0), level_sigma)
-    return float(answer[0]), floor_sigma, float(answer[1]), math.hypot(0.6 * radius, scale)
+    from scipy.optimize import least_squares
+
+    arc = np.sqrt(np.clip(1 - (x / half) ** 2, 0, 1))
+    scale = ENDS_SCATTER * radius
+    # the ends within a bead's width belong to one bead
+    worth = math.sqrt(2 * half / (2 * radius) / max(len(x), 1))
+
+    def misses(sought: Array) -> Array:
+        floor, bulge = (sought[0], sought[1]) if known is None else (known, sought[0])
+        off = (y - floor - bulge * arc) / scale
+        # Cauchy: a missed bead ends higher, a shadow or a reflection lower
+        return np.append(worth * np.sqrt(2 * np.log1p(off**2 / 2)), (bulge / half - expected) / TILT_UNCERTAINTY)
+
+    bulge = max(expected * half, 0.0)
+    start = [float(np.median(y - bulge * arc)), bulge] if known is None else [bulge]
+    found = least_squares(misses, start)
+    sigma = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    if known is None:
+        return float(found.x[0]), math.hypot(float(sigma[0]), ENDS_LEVEL * radius), float(found.x[1]), float(sigma[1])
+    return known, 0.0, float(found.x[0]), float(sigma[0])
 
 
 def _narrowing(across: Array, down: Array, radius: float) -> float:
