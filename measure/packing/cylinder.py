@@ -22,7 +22,7 @@ from rigtwin.measure.scene.contrast_stretch import exposure_of
 COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
 NEXT_TO = 2.0  # [bead radii], from the region to the middle of a bead that lies on it
 WITHIN, BEYOND = 0.5, 1.2  # [bead radii], by which a wall may lie within and beyond the usual end of the grains
-USUAL_TILT, TILT_UNCERTAINTY = 0.04, 0.05  # [rad], of the camera downwards, and its standard deviation
+OFF_CENTRE = 0.05  # standard uncertainty of the lens's axis in the picture, which may be cropped, over its longer side
 # [bead radii], scatter of the lower ends of the grains about the foot of the bed, and standard uncertainty of its level
 ENDS_SCATTER, ENDS_LEVEL = 0.2, 0.3
 FEWEST = 25  # least number of beads of a bed
@@ -160,7 +160,7 @@ def find_bed(
     beyond = float(np.mean(((across < left) | (across > right))[beside])) if beside.any() else 0.0
     offset = (left + right) / 2
     ends = lower_ends(straight, (left, right))
-    expected = _expected_slope(image.shape, middle + float(np.median(ends[1])))
+    expected = _expected_slope(image.shape, middle + float(np.median(ends[1])), upright)
     floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected)
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
@@ -291,19 +291,25 @@ def _walls(straight: Straight, radius: float, upright: Level) -> tuple[float, fl
     return walls[0], walls[1]
 
 
-def _expected_slope(shape: tuple[int, ...], floor: float) -> float:
-    """Slope of the line of sight to the floor, seen with the usual focal length and tilt."""
-    return (floor - shape[0] / 2) / (FOCAL_SIDES * max(shape[:2])) + USUAL_TILT
+def _expected_slope(shape: tuple[int, ...], floor: float, upright: Level) -> tuple[float, float]:
+    """Slope of the line of sight to the floor [1], seen with the usual focal length, and its standard uncertainty.
+
+    A camera that is tilted down sees uprights converge downwards, by its tilt over its focal length.
+    """
+    focal = FOCAL_SIDES * max(shape[:2])
+    below, tilt = (floor - shape[0] / 2) / focal, -focal * upright.converging
+    doubt = math.hypot(FOCAL_UNCERTAINTY * (tilt - below), focal * upright.converging_sigma, OFF_CENTRE / FOCAL_SIDES)
+    return below + tilt, doubt
 
 
 def _floor(
-    x: Array, y: Array, half: float, radius: float, expected: float, known: float | None = None
+    x: Array, y: Array, half: float, radius: float, slope: tuple[float, float], known: float | None = None
 ) -> tuple[float, float, float, float]:
     """Floor row at the axis, its standard uncertainty, distance of the floor's front below it, its uncertainty [px].
 
     `x` from the axis and `y` are the lower ends of the grains, `known` is the floor row from a gauge.  The foot of a
-    bed seen from above is half an ellipse.  Low floor and steep view are separated only by its shape, so the view has
-    the `expected` slope within `TILT_UNCERTAINTY`.
+    bed seen from above is half an ellipse.  Low floor and steep view are separated only by its shape, so the
+    `slope` of the view is expected with its standard uncertainty.
     """
     from scipy.optimize import least_squares
 
@@ -316,9 +322,9 @@ def _floor(
         floor, bulge = (sought[0], sought[1]) if known is None else (known, sought[0])
         off = (y - floor - bulge * arc) / scale
         # Cauchy: a missed bead ends higher, a shadow or a reflection lower
-        return np.append(worth * np.sqrt(2 * np.log1p(off**2 / 2)), (bulge / half - expected) / TILT_UNCERTAINTY)
+        return np.append(worth * np.sqrt(2 * np.log1p(off**2 / 2)), (bulge / half - slope[0]) / slope[1])
 
-    bulge = max(expected * half, 0.0)
+    bulge = slope[0] * half
     start = [float(np.median(y - bulge * arc)), bulge] if known is None else [bulge]
     found = least_squares(misses, start)
     sigma = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
