@@ -16,7 +16,7 @@ from rigtwin.measure.bulk.outline import Silhouette, View, outline_of
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
-from rigtwin.measure.packing.grain_region import Straight, grain_region, lower_ends, sides, straightened
+from rigtwin.measure.packing.grain_region import CORE, Straight, grain_region, lower_ends, sides, straightened
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
@@ -27,9 +27,7 @@ OFF_CENTRE = 0.05  # standard uncertainty of the lens's axis in the picture, whi
 ENDS_SCATTER, ENDS_LEVEL = 0.2, 0.3
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
-WALL_TO_WALL = 3  # beads; a row with fewer does not show both walls
-LAYERED = 6  # least number of rows, one radius apart (about four layers): single layers differ in width
-FEWEST_ROWS = 3  # rows, one bead radius apart, that a single layer of beads fills
+SAMPLED = 60  # rows at which the width of the bed is read
 ZERO_NEAR = 4.6  # [mm], zero to floor: less than half a centimetre, so that the longer marks identify the zero
 GOES_ON = 6.0  # [mm], graduations further below the zero after a gap mean that the zero is wrong
 ENDS_ABOVE = 4.0  # [mm], graduations may end this far above zero: the gauge's foot and its shadow hide a mark or two
@@ -41,9 +39,6 @@ FOCAL_SIDES = 2.0  # usual focal length over the longer side of the picture
 USUAL_STEEPNESS = 0.5  # [bead diameters], standard deviation of the prior of `Bed.steepness`
 FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the focal length
 INSIDE = 0.97  # share of the inner radius in which the outline is searched
-# Relative tolerance of the wall distance predicted from the bead size.  Circles are found on the clearest edge of a
-# shaded bead, up to 1/6 inside its rim, and radii are tried in steps of 1/8.
-WALL_TOLERANCE = 0.2
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
 EDGE_UNCERTAINTY = 0.6
@@ -142,14 +137,11 @@ def find_bed(
     ratio = cylinder / bead if cylinder and bead else None
     radius = width / 2 / ratio if ratio else beads.radius
     apart = cv2.distanceTransform(1 - region_of_grains.astype(np.uint8), cv2.DIST_L2, 3)
-    inside = (
-        (at(np.asarray(apart, dtype=np.float32), beads.centre) < NEXT_TO * beads.radius)
-        & (across > left)
-        & (across < right)
-    )
+    gap = at(np.asarray(apart, dtype=np.float32), beads.centre)
+    inside = (gap < NEXT_TO * beads.radius) & (across > left) & (across < right)
     if np.sum(inside) < FEWEST:
         return None
-    seen_radius = rim_radius(grey, Beads(beads.centre[inside], beads.radius))
+    seen_radius = rim_radius(grey, Beads(beads.centre[inside & (gap == 0)], beads.radius))
     kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
     alike = likeness(image, kept)
     inside[inside] = _filled(kept, alike)
@@ -202,7 +194,7 @@ def find_bed(
         "",
         float(max(image.shape[:2])),
         found,
-        _narrowing(across[inside], down[inside], beads.radius) / width,
+        _narrowing(straight) / width,
         roll_seen,
     )
     return _judged(bed, _cut_off(kept, alike))
@@ -333,24 +325,21 @@ def _floor(
     return known, 0.0, float(found.x[0]), float(sigma[0])
 
 
-def _narrowing(across: Array, down: Array, radius: float) -> float:
+def _narrowing(straight: Straight) -> float:
     """Decrease of the bed's width [px] from top to foot: twice that of the side that slants less.
 
     Beads missed in glare or at one wall make one side slant.  The walls of a bin or the flanks of a heap slant both.
     """
     from scipy.stats import theilslopes
 
-    outermost = []
-    for row in np.arange(down.min(), down.max() + radius, radius):
-        here = across[np.abs(down - row) < radius]
-        if len(here) >= WALL_TO_WALL:
-            outermost.append((row, float(here.min()), float(here.max())))
-    if len(outermost) < LAYERED:
+    left, right = sides(straight)
+    rows = np.linspace(0.0, 1.0, SAMPLED)
+    if len(left) < SAMPLED:
         return 0.0
-    rows, left, right = np.array(outermost).T
-    inwards = float(theilslopes(left, rows)[0]), -float(theilslopes(right, rows)[0])
+    each = np.linspace(0, len(left) - 1, SAMPLED).astype(int)
+    inwards = float(theilslopes(left[each], rows)[0]), -float(theilslopes(right[each], rows)[0])
     slant = min(inwards, key=abs) if inwards[0] * inwards[1] > 0 else 0.0
-    return 2 * slant * float(np.ptp(rows))
+    return 2 * slant / (CORE[1] - CORE[0])
 
 
 def _gauge(
