@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from rigtwin.commands.options import PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity, tracked
+from rigtwin.commands.options import FILM, PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity, tracked
 from rigtwin.commands.run_command import Work, measured
 
 app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True, rich_markup_mode=None)
@@ -117,7 +117,7 @@ def measure_tilt(
 
 @app.command("packing", epilog="Example: rigtwin measure packing bed.jpg --cylinder-diameter 65mm --total-mass 212.7g")
 @measured("packing")
-@filmed(*PHOTO)
+@filmed(*PHOTO, "cylinder", "floor")
 @tracked
 def measure_packing(
     photos: Annotated[
@@ -174,7 +174,7 @@ def measure_pile(
 
 @app.command("drum", epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
 @measured("drum")
-@filmed()
+@filmed(*FILM, "circle")
 @tracked
 def measure_drum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the rotating drum, a picture, or a table.")],
@@ -203,7 +203,7 @@ def measure_drum(
 
 @app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
 @measured("hopper")
-@filmed()
+@filmed(*FILM, "slot")
 @tracked
 def measure_hopper(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper, or a table over time.")],

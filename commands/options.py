@@ -154,6 +154,22 @@ CAMERA: dict[str, Any] = {
         list[Any] | None,
         _read_by("region", "--ignore", "x,y,w,h", "Take nothing from here (pixels; may be repeated): lamp, hand."),
     ],
+    "cylinder": Annotated[
+        Any,
+        _read_by(
+            "two_points",
+            "--cylinder",
+            "x1,y1,x2,y2",
+            f"Both inner walls at the floor, on the axis (pixels{_STRAIGHT}).",
+        ),
+    ],
+    "floor": Annotated[Any, _read_by("row", "--floor", "y", f"Row of the floor on the axis (pixels{_STRAIGHT}).")],
+    "circle": Annotated[
+        Any, _read_by("circle", "--circle", "x,y,r", f"Centre and radius of the inner wall (pixels{_STRAIGHT}).")
+    ],
+    "slot": Annotated[
+        Any, _read_by("two_points", "--slot", "x1,y1,x2,y2", f"Left and right end of the slot (pixels{_STRAIGHT}).")
+    ],
 }
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
 
@@ -189,6 +205,8 @@ TABLE: dict[str, tuple[Any, Any]] = {
 
 SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
 
+OF_RIGS = ("cylinder", "floor", "circle", "slot")  # each is an option of one rig
+FILM = tuple(name for name in CAMERA if name not in OF_RIGS)
 PHOTO = ("scale", "known_length", "region", "ignore", "camera_roll", "plumb_line", "board")
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
@@ -253,8 +271,8 @@ def with_options(
 
 
 def filmed(*names: str) -> Callable[[Command], Command]:
-    """Give a command the camera's options (all, or those named); it gets them as one keyword, `camera`."""
-    wanted = {name: (CAMERA[name], None) for name in names or CAMERA}
+    """Give a command the camera's options (those of films, or those named); it gets them as one keyword, `camera`."""
+    wanted = {name: (CAMERA[name], None) for name in names or FILM}
     return gathered("camera", wanted, camera_of)
 
 

@@ -17,6 +17,7 @@ from rigtwin.lab.units import LONGEST, si
 _BOARD = re.compile(
     r"(checkerboard|charuco|aruco)\s+(?:(\d{1,3})x(\d{1,3})\s+)?([\d.]+\s*[a-zµ]*)(?:/([\d.]+\s*[a-zµ]*))?\s+(\S.*)"
 )
+STATED_UNCERTAINTY = 2.0  # [px], standard uncertainty of a point that the user reads off a picture
 SHORTEST_LINE = 10.0  # [px], below it a plumb line says nothing of the vertical
 WIDEST_SQUARE = 1.0  # [m], of a board; "10" was meant to be millimetres
 WIDEST_PIXEL = 0.1  # [m], of which a picture shows some hundred metres; "0.3" was meant to be millimetres
@@ -89,6 +90,10 @@ class Camera:
     board: Board | None = None
     lens: Lens | None = None  # what the board says; all places are of straight pictures then
     ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each region
+    cylinder: tuple[float, float, float, float] | None = None  # [px], x, y of both inner walls at the floor
+    floor: float | None = None  # [px], row of the cylinder's floor on its axis
+    circle: tuple[float, float, float] | None = None  # [px], x, y of the centre and radius of the drum's inner wall
+    slot: tuple[float, float, float, float] | None = None  # [px], x, y of both ends of the hopper's slot
 
     def __post_init__(self) -> None:
         for name in ("frame_rate", "scale"):
@@ -206,6 +211,34 @@ def region(text: str, *, name: str = "region") -> tuple[float, float, float, flo
     if width <= 0 or height <= 0:
         raise BadQuantity(f"{name}: {text!r} is empty; width and height must be positive pixels.")
     return x, y, width, height
+
+
+def two_points(text: str, *, name: str = "cylinder") -> tuple[float, float, float, float]:
+    """Parse ``"x1,y1,x2,y2"`` in pixels, two points of which the left one comes first.
+
+    >>> two_points("400,300,100,300")
+    (100.0, 300.0, 400.0, 300.0)
+    """
+    x1, y1, x2, y2 = _floats(text, 4, name, "x1,y1,x2,y2")
+    if math.hypot(x2 - x1, y2 - y1) < SHORTEST_LINE or abs(y2 - y1) > abs(x2 - x1):
+        raise BadQuantity(
+            f"{name}: {text!r} must be a point on the left and one on the right, {SHORTEST_LINE:g} px apart."
+        )
+    return (x1, y1, x2, y2) if x1 < x2 else (x2, y2, x1, y1)
+
+
+def circle(text: str, *, name: str = "circle") -> tuple[float, float, float]:
+    """Parse ``"x,y,radius"`` in pixels."""
+    x, y, radius = _floats(text, 3, name, "x,y,radius")
+    if radius < SHORTEST_LINE:
+        raise BadQuantity(f"{name}: {text!r} has a radius of {radius:g} px; {SHORTEST_LINE:g} px are needed.")
+    return x, y, radius
+
+
+def row(text: str | float, *, name: str = "floor") -> float:
+    """Parse a row of the picture in pixels."""
+    (y,) = _floats(str(text), 1, name, "612.5")
+    return y
 
 
 def moment(text: str | float, *, name: str = "start") -> Moment:

@@ -151,6 +151,18 @@ def _board(value: Any) -> camera.Board:
     return camera.board(_text(value, "checkerboard 9x6 10mm board.jpg"), name="value")
 
 
+def _two_points(value: Any) -> tuple[float, float, float, float]:
+    return camera.two_points(_text(value, "100,600,340,600"), name="value")
+
+
+def _circle(value: Any) -> tuple[float, float, float]:
+    return camera.circle(_text(value, "320,240,200"), name="value")
+
+
+def _row(value: Any) -> float:
+    return camera.row(value, name="value")
+
+
 def _regions(value: Any) -> tuple[tuple[float, float, float, float], ...]:
     several = value if isinstance(value, list) and not all(isinstance(each, int | float) for each in value) else [value]
     return tuple(_region(each) for each in several)
@@ -245,6 +257,11 @@ class CameraEntry(_Entry):
     board: Board | None = None
     ignore: Annotated[tuple[tuple[float, float, float, float], ...], _edge(_regions)] = ()
 
+    cylinder: Annotated[tuple[float, float, float, float], _edge(_two_points)] | None = None
+    floor: Annotated[float, _edge(_row)] | None = None
+    circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = None
+    slot: Annotated[tuple[float, float, float, float], _edge(_two_points)] | None = None
+
     def camera(self, folder: Path = HERE) -> camera.Camera:
         """What the keys say; a board's photo is named relative to the lab's `folder`."""
         roll = self.camera_roll if self.plumb_line is None else self.plumb_line
@@ -259,6 +276,10 @@ class CameraEntry(_Entry):
             roll=roll,
             board=board,
             ignore=self.ignore,
+            cylinder=self.cylinder,
+            floor=self.floor,
+            circle=self.circle,
+            slot=self.slot,
         )
 
     def faults(self, folder: Path) -> Iterable[tuple[str, str]]:

@@ -10,13 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import STATED_UNCERTAINTY
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, likeness, more_beads, rim_radius
 from rigtwin.measure.bulk.hidden_surface import covered_columns, glare_in
 from rigtwin.measure.bulk.outline import Silhouette, View, outline_of
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
-from rigtwin.measure.packing.grain_region import CORE, Straight, grain_region, lower_ends, sides, straightened
+from rigtwin.measure.packing.grain_region import CORE, Mask, Straight, grain_region, lower_ends, sides, straightened
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
@@ -25,6 +26,8 @@ WITHIN, BEYOND = 0.5, 1.2  # [bead radii], by which a wall may lie within and be
 OFF_CENTRE = 0.05  # standard uncertainty of the lens's axis in the picture, which may be cropped, over its longer side
 # [bead radii], scatter of the lower ends of the grains about the foot of the bed, and standard uncertainty of its level
 ENDS_SCATTER, ENDS_LEVEL = 0.2, 0.3
+FRONT, BESIDE = 0.4, 1.1  # shares of the radius, by which grains appear below the floor's middle and beside the walls
+USUAL_RATIO = 10.0  # cylinder over bead diameter where it is not stated
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
 SAMPLED = 60  # rows at which the width of the bed is read
@@ -45,6 +48,45 @@ EDGE_UNCERTAINTY = 0.6
 LEAST_SHOWN = 0.3  # least visible share of the surface across the cylinder
 HIDDEN_LEVEL = 0.25  # [bead diameters], roughness of the outlines of settled beds
 TEXTURE = 2.0  # limit of the log odds from texture; less than the 3.9 of colour, because neighbouring pixels share it
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the user reads off the photo [px]."""
+
+    walls: tuple[float, float, float, float] | None = None  # x, y of both inner walls at the floor, left first
+    floor: float | None = None  # row of the floor on the axis
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Point of the axis at the floor."""
+        assert self.walls is not None
+        x1, y1, x2, y2 = self.walls
+        return (x1 + x2) / 2, (y1 + y2) / 2 if self.floor is None else self.floor
+
+    def between(self, shape: tuple[int, ...], share: float) -> Mask:
+        """Mask of the pixels within a `share` of the radius of the axis, and above the front of the floor."""
+        assert self.walls is not None
+        x1, y1, x2, y2 = self.walls
+        half = math.hypot(x2 - x1, y2 - y1) / 2
+        column, row = self.middle
+        across = np.abs(np.arange(shape[1]) - column) < share * half
+        return np.asarray((np.arange(shape[0]) < row + FRONT * half)[:, None] & across)
+
+    def across(self, straight: Straight, lean: float) -> tuple[float, float]:
+        """Places of the walls from the middle of the region of grains."""
+        assert self.walls is not None
+        x, y = straight.centre
+        one, two = ((self.walls[k] - x) * math.cos(lean) - (self.walls[k + 1] - y) * math.sin(lean) for k in (0, 2))
+        return one, two
+
+    def down(self, straight: Straight, lean: float, offset: float) -> float | None:
+        """Place of the floor below the middle of the region of grains, on the axis at `offset`."""
+        x, y = straight.centre
+        if self.walls is not None:
+            column, row = self.middle
+            return (row - y) * math.cos(lean) + (column - x) * math.sin(lean)
+        return None if self.floor is None else (self.floor - y + offset * math.sin(lean)) / math.cos(lean)
 
 
 @dataclass(frozen=True)
@@ -70,6 +112,8 @@ class Bed:
     narrowing: float = 0.0  # relative decrease of the bed's width from top to foot
     # roll from upright edges and its standard uncertainty [rad], where another roll is given
     roll_seen: tuple[float, float] | None = None
+    stated: Stated = Stated()
+    few: bool = False  # whether too few circles were found: the region between the stated walls was taken for grains
 
     @property
     def floor(self) -> float:
@@ -114,53 +158,51 @@ def find_bed(
     bead: float | None,
     roll: float | None = None,
     region: tuple[float, float, float, float] | None = None,
+    stated: Stated | None = None,
 ) -> Bed | None:
-    """Find the bed in a photo (BGR), or None.  `cylinder` (inner) and `bead` are diameters [m] where known."""
+    """Find the bed in a photo (BGR), or None.
+
+    `cylinder` (inner) and `bead` are diameters [m] where known, `stated` are walls and floor read off the photo.
+    """
+    stated = stated or Stated()
     glare = glare_in(image)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    beads = _beads(image, grey, region)
+    ratio = cylinder / bead if cylinder and bead else None
+    beads = _beads(image, grey, region, stated, ratio)
     if beads is None or len(beads.centre) < FEWEST:
         return None
     upright, roll_seen = _upright(grey, roll)
     odds, region_of_grains = grain_region(image, grey, beads)
     if not region_of_grains.any():
         return None
-    lean = upright.at(float(np.median(np.nonzero(region_of_grains)[1])))[0]
+    lean = upright.at(stated.middle[0] if stated.walls else float(np.median(np.nonzero(region_of_grains)[1])))[0]
     straight = straightened(odds, region_of_grains, lean, beads.radius)
-    column, middle = straight.centre
-    left, right = _walls(straight, beads.radius, upright)
-    width = right - left
-    centre = beads.centre - np.array([column, middle])
-    across = centre[:, 0] * math.cos(lean) - centre[:, 1] * math.sin(lean)
-    down = centre[:, 1] * math.cos(lean) + centre[:, 0] * math.sin(lean)
-    ratio = cylinder / bead if cylinder and bead else None
+    left, right = _walls(straight, beads.radius, upright) if stated.walls is None else stated.across(straight, lean)
+    width, offset = right - left, (left + right) / 2
     radius = width / 2 / ratio if ratio else beads.radius
-    apart = cv2.distanceTransform(1 - region_of_grains.astype(np.uint8), cv2.DIST_L2, 3)
-    gap = at(np.asarray(apart, dtype=np.float32), beads.centre)
-    inside = (gap < NEXT_TO * beads.radius) & (across > left) & (across < right)
-    if np.sum(inside) < FEWEST:
+    chosen = _of_the_bed(image, beads, straight, region_of_grains, (left, right), radius)
+    few = chosen is None
+    if chosen is None and stated.walls is not None:
+        grid = Beads(_grid(region_of_grains & stated.between(grey.shape, 1.0), radius), radius)
+        chosen = _of_the_bed(image, grid, straight, region_of_grains, (left, right), radius)
+    if chosen is None:
         return None
-    seen_radius = rim_radius(grey, Beads(beads.centre[inside & (gap == 0)], beads.radius))
-    kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
-    alike = likeness(image, kept)
-    inside[inside] = _filled(kept, alike)
-    if np.sum(inside) < FEWEST:
-        return None
-    # count only rows of the bed: round things beside the empty part of the cylinder are not beads beyond a wall
-    beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
-    beyond = float(np.mean(((across < left) | (across > right))[beside])) if beside.any() else 0.0
-    offset = (left + right) / 2
+    kept, alike, clear, beyond = chosen
+    seen_radius = radius if few else rim_radius(grey, clear)
     ends = lower_ends(straight, (left, right))
+    column, middle = straight.centre
     expected = _expected_slope(image.shape, middle + float(np.median(ends[1])), upright)
-    floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected)
+    known = stated.down(straight, lean, offset)
+    floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected, known)
+    if known is not None:
+        floor_sigma = STATED_UNCERTAINTY
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
         middle - offset * math.sin(lean) + floor * math.cos(lean),
     )
     horizontal = -upright.at((image.shape[1] - 1) / 2)[0]
     view = View(axis, -lean, width / 2, 0.0, math.inf)
-    kept = Beads(beads.centre[inside], kept.radius)
     alike = _with_texture(alike, grey, kept, view)
     kept = Beads(kept.centre[_filled(kept, alike)], kept.radius)
     found = outline_of(image, alike, kept, view, solid=True)
@@ -169,10 +211,10 @@ def find_bed(
     covered = covered_columns(found, image, kept, alike, glare, np.abs(found.x) < INSIDE * width / 2)
     found = replace(found, height=np.where(covered, np.nan, found.height))
     gauge = None
-    if cylinder is not None or bead is not None:
+    if stated.walls is None and (cylinder is not None or bead is not None):
         pixel = width / (cylinder * 1e3) if cylinder else 2 * beads.radius / (bead or 1.0) / 1e3
         gauge = _gauge(grey, upright, (axis[0] - width / 2, axis[0] + width / 2), pixel, axis, horizontal)
-    if gauge is not None:
+    if gauge is not None and known is None:
         row = gauge.row_of(0.0)
         zero = row - (gauge.column_at(row) - axis[0]) * math.tan(horizontal)
         known = floor - (axis[1] - zero) / math.cos(lean)
@@ -196,8 +238,35 @@ def find_bed(
         found,
         _narrowing(straight) / width,
         roll_seen,
+        stated,
+        few,
     )
     return _judged(bed, _cut_off(kept, alike))
+
+
+def _of_the_bed(
+    image: Image, beads: Beads, straight: Straight, region: Mask, walls: tuple[float, float], radius: float
+) -> tuple[Beads, npt.NDArray[np.float32], Beads, float] | None:
+    """Circles of the bed, likeness to them, those well inside it, and the share of circles beside it; None if few."""
+    away = beads.centre - np.array(straight.centre)
+    across = away[:, 0] * math.cos(straight.lean) - away[:, 1] * math.sin(straight.lean)
+    down = away[:, 1] * math.cos(straight.lean) + away[:, 0] * math.sin(straight.lean)
+    within = (across > walls[0]) & (across < walls[1])
+    distance = cv2.distanceTransform(1 - region.astype(np.uint8), cv2.DIST_L2, 3)
+    gap = at(np.asarray(distance, dtype=np.float32), beads.centre)
+    inside = within & (gap < NEXT_TO * beads.radius)
+    if np.sum(inside) < FEWEST:
+        return None
+    clear = Beads(beads.centre[inside & (gap == 0)], beads.radius)
+    kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
+    alike = likeness(image, kept)
+    inside[inside] = _filled(kept, alike)
+    if np.sum(inside) < FEWEST:
+        return None
+    # count only rows of the bed: round things beside the empty part of the cylinder are not beads beyond a wall
+    beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
+    beyond = float(np.mean(~within[beside])) if beside.any() else 0.0
+    return Beads(beads.centre[inside], kept.radius), alike, clear, beyond
 
 
 def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, view: View) -> npt.NDArray[np.float32]:
@@ -235,19 +304,51 @@ def _filled(beads: Beads, alike: npt.NDArray[np.float32]) -> npt.NDArray[np.bool
     return np.asarray(share > 0.7 * np.median(share))
 
 
-def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] | None) -> Beads | None:
+def _beads(
+    image: Image,
+    grey: Image,
+    region: tuple[float, float, float, float] | None,
+    stated: Stated,
+    ratio: float | None,
+) -> Beads | None:
+    """Circles in the photo, or between the walls where these are stated.
+
+    `ratio` is cylinder over bead diameter; with stated walls it gives the size of the circles.
+    """
     shrink = min(1.0, COARSE / max(grey.shape))
     small = grey if shrink == 1 else cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    beads = find_beads(np.asarray(small, dtype=np.uint8), (0.0055 * max(small.shape), 0.045 * max(small.shape)))
-    if beads is None:
-        return None
-    beads = Beads(beads.centre / shrink, beads.radius / shrink)
-    beads = more_beads(edges(grey), likeness(image, beads), beads, least_group=PARTED)
-    if region is not None:
-        x, y, width, height = region
-        here = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)
-        beads = Beads(beads.centre[here], beads.radius)
+    radii = 0.0055 * max(small.shape), 0.045 * max(small.shape)
+    given = stated.walls
+    half = 0.0 if given is None else math.hypot(given[2] - given[0], given[3] - given[1]) / 2
+    between = None if given is None else stated.between(grey.shape, BESIDE)
+    if between is not None:
+        if ratio is not None:
+            radii = 0.8 * shrink * half / ratio, 1.1 * shrink * half / ratio
+        here = cv2.resize(between.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+        small = np.where(here, small, np.median(small)).astype(np.uint8)
+    beads = find_beads(np.asarray(small, dtype=np.uint8), radii)
+    if beads is not None:
+        beads = Beads(beads.centre / shrink, beads.radius / shrink)
+        beads = more_beads(edges(grey), likeness(image, beads), beads, least_group=PARTED)
+        if region is not None:
+            x, y, width, height = region
+            near = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)
+            beads = Beads(beads.centre[near], beads.radius)
+        if between is not None:
+            beads = Beads(beads.centre[at(between.astype(np.float32), beads.centre) > 0], beads.radius)
+    if between is not None and (beads is None or len(beads.centre) < FEWEST):
+        radius = half / (ratio or USUAL_RATIO)
+        foot = between & (np.arange(grey.shape[0]) > stated.middle[1] - 0.5 * half)[:, None]
+        return Beads(_grid(foot, radius), radius)
     return beads
+
+
+def _grid(mask: Mask, radius: float) -> Array:
+    """Centres of touching circles that fill a mask, shape (n, 2)."""
+    side = max(radius, 1.0)
+    y, x = np.mgrid[side : mask.shape[0] - 1 : side, side : mask.shape[1] - 1 : side]
+    places = np.column_stack([x.ravel(), y.ravel()])
+    return places[at(mask.astype(np.float32), places) > 0]
 
 
 def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float] | None]:
@@ -388,7 +489,7 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | None:
     seen = np.abs(found.x) < INSIDE * bed.width / 2
     known = seen & np.isfinite(found.height)
     shown = float(np.sum(known) / np.sum(seen))
-    if shown < LEAST_SHOWN:
+    if shown < (LEAST_SHOWN if bed.stated.walls is None else 1e-9):
         return None
     apart = np.abs(found.looser[known] - found.stricter[known])
     uncertainty = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
@@ -404,6 +505,8 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | None:
         flaw = "the gauge's graduations end above the supposed zero: they are hidden, or the gauge was misread"
     elif bed.gauge is not None and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
         flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
+    elif bed.few:
+        flaw = f"fewer than {FEWEST} round grains were found between the stated walls: the outline follows colour alone"
     elif shown < 0.9:
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"
     elif found.contrast < 0.25:

@@ -17,6 +17,7 @@ from rigtwin.measure.drawing import (
     SKY,
     Colour,
     draw_caption,
+    draw_cross,
     draw_line,
     draw_path,
     save_picture,
@@ -72,6 +73,11 @@ def _marked(image: Image, bed: Bed, measurement: Measurement) -> Image:
     top = float(np.max(height)) + half
     for side in (-half, half):
         line((side, 0.0), (side, top), SKY)
+    if bed.stated.walls is not None:
+        for k in (0, 2):
+            draw_cross(picture, (bed.stated.walls[k], bed.stated.walls[k + 1]), 0.03 * bed.width, SKY)
+    if bed.stated.floor is not None:
+        draw_cross(picture, (bed.axis[0], bed.stated.floor), 0.03 * bed.width, GREEN)
     points = view.to_picture(x, height)
     draw_path(picture, points, ORANGE)
     floor, level = 0.0, float(np.mean(height))

@@ -73,6 +73,7 @@ class Straight:
     grains: Mask
     region: Mask
     centre: tuple[float, float]  # [px], the middle, which is where it was in the photo
+    lean: float  # [rad], by which they were turned
 
 
 def straightened(odds: FloatImage, region: Mask, lean: float, radius: float) -> Straight:
@@ -83,7 +84,7 @@ def straightened(odds: FloatImage, region: Mask, lean: float, radius: float) -> 
     size = (region.shape[1], region.shape[0])
     turned = cv2.warpAffine(odds, turn, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1)
     kept = cv2.warpAffine(region.astype(np.uint8), turn, size, flags=cv2.INTER_NEAREST)
-    return Straight(_closed((turned > ENDS_AT).astype(np.uint8), 1.5 * radius) > 0, kept > 0, centre)
+    return Straight(_closed((turned > ENDS_AT).astype(np.uint8), 1.5 * radius) > 0, kept > 0, centre, lean)
 
 
 def sides(straight: Straight) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Image
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import STATED_UNCERTAINTY, Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import (
     Check,
@@ -20,7 +20,7 @@ from rigtwin.measure.bulk.checks import size_unseen
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import NEARER, SAME_PLANE, STATED, gauge_pitch, picture_checks
-from rigtwin.measure.packing.cylinder import Bed, find_bed
+from rigtwin.measure.packing.cylinder import Bed, Stated, find_bed
 from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
 
 GIVEN_UNCERTAINTY = 0.003  # relative standard uncertainty of a scale from a length in the plane of the axis
@@ -33,7 +33,8 @@ GAUGE_UNCERTAINTY = 0.002  # relative standard uncertainty of a scale from a gau
 def observe(
     photo: Path, image: Image, camera: Camera, cylinder: float | None, bead: float | None
 ) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
-    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region)
+    stated = Stated(camera.cylinder, camera.floor)
+    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=stated)
     if bed is None:
         raise NothingToMeasure(
             f"{photo}: no bed of beads in a cylinder was found; photograph it from the side with beads a dozen "
@@ -41,12 +42,13 @@ def observe(
         )
     scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
-    if bed.gauge is not None and source == "gauge":
+    if bed.gauge is not None and source == "gauge" and camera.floor is None:
         height = bed.gauge.reading(bed.gauge_rows(x, above)) * 1e-3
         floor_uncertainty, floor_from = 0.15e-3, "gauge"
     else:
         height = above * scale
-        floor_uncertainty, floor_from = bed.floor_sigma * scale, "lowest beads"
+        floor_uncertainty = bed.floor_sigma * scale
+        floor_from = "lowest grains" if stated == Stated() else "stated"
     steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
     # a camera above or below the surface sees its far or near side above the middle
@@ -86,7 +88,7 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
     """Warning that the results depend on one stated size that nothing else in the picture confirms, or ""."""
     if bed.gauge is not None:
         return ""  # the gauge's graduations are a known length
-    if source == "cylinder diameter" and bead is None:
+    if source in ("cylinder diameter", "stated cylinder") and bead is None:
         what, advice = "bed height and, by its third power, bulk density depend", "--bead-diameter"
         given = f"--cylinder-diameter {(cylinder or 0) * 1e3:g} mm"
     elif source == "bead diameter":
@@ -105,6 +107,8 @@ def _scale(
     if camera.given_scale is not None:
         return camera.given_scale, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
+    if wall is not None and camera.cylinder is not None:
+        return wall, math.hypot(WALL_UNCERTAINTY, math.sqrt(2) * STATED_UNCERTAINTY / bed.width), "stated cylinder"
     uncertainty = WALL_UNCERTAINTY
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
