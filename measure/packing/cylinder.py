@@ -159,8 +159,8 @@ def find_bed(
     roll: float | None = None,
     region: tuple[float, float, float, float] | None = None,
     stated: Stated | None = None,
-) -> Bed | None:
-    """Find the bed in a photo (BGR), or None.
+) -> Bed | str:
+    """Find the bed in a photo (BGR), or say why there is none.
 
     `cylinder` (inner) and `bead` are diameters [m] where known, `stated` are walls and floor read off the photo.
     """
@@ -171,11 +171,13 @@ def find_bed(
     ratio = cylinder / bead if cylinder and bead else None
     beads = _beads(image, grey, region, stated, ratio)
     if beads is None or len(beads.centre) < FEWEST:
-        return None
+        return (
+            f"{0 if beads is None else len(beads.centre)} touching circles of one size were found, {FEWEST} are needed"
+        )
     upright, roll_seen = _upright(grey, roll)
     odds, region_of_grains = grain_region(image, grey, beads)
     if not region_of_grains.any():
-        return None
+        return f"the {len(beads.centre)} circles that were found do not cover a region five circles wide"
     lean = upright.at(stated.middle[0] if stated.walls else float(np.median(np.nonzero(region_of_grains)[1])))[0]
     straight = straightened(odds, region_of_grains, lean, beads.radius)
     left, right = _walls(straight, beads.radius, upright) if stated.walls is None else stated.across(straight, lean)
@@ -183,15 +185,15 @@ def find_bed(
     radius = width / 2 / ratio if ratio else beads.radius
     chosen = _of_the_bed(image, beads, straight, region_of_grains, (left, right), radius)
     few = chosen is None
+    (column, middle), x = straight.centre, (straight.centre[0] + left, straight.centre[0] + right)
     if chosen is None and stated.walls is not None:
         grid = Beads(_grid(region_of_grains & stated.between(grey.shape, 1.0), radius), radius)
         chosen = _of_the_bed(image, grid, straight, region_of_grains, (left, right), radius)
     if chosen is None:
-        return None
+        return f"fewer than {FEWEST} of {len(beads.centre)} circles lie between x = {x[0]:.0f} and {x[1]:.0f} px"
     kept, alike, clear, beyond = chosen
     seen_radius = radius if few else rim_radius(grey, clear)
     ends = lower_ends(straight, (left, right))
-    column, middle = straight.centre
     expected = _expected_slope(image.shape, middle + float(np.median(ends[1])), upright)
     known = stated.down(straight, lean, offset)
     floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected, known)
@@ -207,7 +209,7 @@ def find_bed(
     kept = Beads(kept.centre[_filled(kept, alike)], kept.radius)
     found = outline_of(image, alike, kept, view, solid=True)
     if found is None:
-        return None
+        return f"no outline was found above {len(kept.centre)} circles between x = {x[0]:.0f} and {x[1]:.0f} px"
     covered = covered_columns(found, image, kept, alike, glare, np.abs(found.x) < INSIDE * width / 2)
     found = replace(found, height=np.where(covered, np.nan, found.height))
     gauge = None
@@ -483,14 +485,17 @@ def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
     return bool(np.mean(edge) > 0.5 * np.median(at(alike, beads.centre)))
 
 
-def _judged(bed: Bed, cut_off: bool) -> Bed | None:
-    """The bed with the uncertainty and flaws of its outline; None if too little of the surface is visible."""
+def _judged(bed: Bed, cut_off: bool) -> Bed | str:
+    """The bed with the uncertainty and flaws of its outline, or why too little of the surface is visible."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
     known = seen & np.isfinite(found.height)
     shown = float(np.sum(known) / np.sum(seen))
     if shown < (LEAST_SHOWN if bed.stated.walls is None else 1e-9):
-        return None
+        return (
+            f"the surface of the bed was found over {100 * shown:.0f} % of the cylinder's {bed.width:.0f} px, "
+            f"{100 * LEAST_SHOWN:.0f} % are needed"
+        )
     apart = np.abs(found.looser[known] - found.stricter[known])
     uncertainty = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
     flaw = ""

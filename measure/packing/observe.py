@@ -35,11 +35,8 @@ def observe(
 ) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
     stated = Stated(camera.cylinder, camera.floor)
     bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=stated)
-    if bed is None:
-        raise NothingToMeasure(
-            f"{photo}: no bed of beads in a cylinder was found; photograph it from the side with beads a dozen "
-            "or more pixels wide, or give its place with --region x,y,width,height."
-        )
+    if isinstance(bed, str):
+        raise NothingToMeasure(f"{photo}: no bed of beads: {bed}; state the walls with --cylinder x1,y1,x2,y2.")
     scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
     if bed.gauge is not None and source == "gauge" and camera.floor is None:
