@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from rigtwin.commands.options import PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity
+from rigtwin.commands.options import FILM, PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity
 from rigtwin.commands.run_command import Work, measured
 
 app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True, rich_markup_mode=None)
@@ -21,7 +21,7 @@ Camera = Any  # a lab.camera.Camera, which `filmed` makes of the camera's option
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
-@filmed()
+@filmed(*FILM, "plate", "bead_at")
 def measure_drop(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the drop.")],
     *,
@@ -44,7 +44,7 @@ def measure_drop(
     epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
 )
 @measured("pendulum")
-@filmed()
+@filmed(*FILM, "pivot", "bead_at")
 def measure_pendulum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum.")],
     *,
@@ -66,7 +66,7 @@ def measure_pendulum(
 
 @app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
-@filmed()
+@filmed(*FILM, "plate", "bead_at")
 def measure_tilt(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the tilting plate.")],
     *,
@@ -87,7 +87,7 @@ def measure_tilt(
 
 @app.command("packing", epilog="Example: rigtwin measure packing bed.jpg --cylinder-diameter 65mm --total-mass 212.7g")
 @measured("packing")
-@filmed(*PHOTO)
+@filmed(*PHOTO, "cylinder", "floor")
 def measure_packing(
     photos: Annotated[list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one bed; several are its views.")],
     *,
@@ -117,7 +117,7 @@ def measure_packing(
 
 @app.command("pile", epilog="Example: rigtwin measure pile front.jpg side.jpg --base-diameter 90mm --bead-diameter 6mm")
 @measured("pile")
-@filmed(*PHOTO)
+@filmed(*PHOTO, "base", "flank")
 def measure_pile(
     photos: Annotated[
         list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one pile; several are its views.")
@@ -137,7 +137,7 @@ def measure_pile(
 
 @app.command("drum", epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
 @measured("drum")
-@filmed()
+@filmed(*FILM, "circle")
 def measure_drum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the rotating drum, or one picture of it.")],
     *,
@@ -156,7 +156,7 @@ def measure_drum(
 
 @app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
 @measured("hopper")
-@filmed()
+@filmed(*FILM, "slot")
 def measure_hopper(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper.")],
     *,
