@@ -21,6 +21,12 @@ from rigtwin.measure.tilt.onset import Variant
 
 NOMINAL = 3e-4  # [m/px], until gravity gives the scale
 
+LEVEL_UNKNOWN = (
+    "the table does not say how well its angle is known against the horizontal: that is not part of the uncertainties."
+)
+
+SAME = 1.5  # ratio of residuals up to which an axis at the origin of the table explains the ride as well
+
 RIDES = 3.0  # factor of residuals up to which the body still rides on the plate
 
 
@@ -102,7 +108,7 @@ def measure_table(
         sha256(path),
         evaluation.quantities,
         evaluation.checks,
-        (*evaluation.warnings, *several, *read.understood.proposals),
+        (*evaluation.warnings, LEVEL_UNKNOWN, *several, *read.understood.proposals),
         camera=view,
         tracks=(track,),
         series=(plate.series,),
@@ -165,6 +171,9 @@ def in_the_rigs_axes(angle: Series, track: Track) -> tuple[Track, str]:
     _, (x0, y0, a, _), sign = min(fits, key=lambda each: each[0])
     if abs(fits[0][0] - fits[1][0]) < 0.1 * max(fits[0][0], fits[1][0]):  # the plate hardly turns: as in the file
         _, (x0, y0, a, _), sign = fits[0]
+    as_it_is, (_, _, along_plate, _) = _ride(alpha[seen], track.position[seen], centred=True)
+    if along_plate > 0 and as_it_is < SAME * min(each[0] for each in fits):
+        return track, "axes as in the table: its origin is on the plate's axis"
     half_turn = -1.0 if a < 0 else 1.0
     position = half_turn * (track.position * [1, sign] - [x0, y0])
     up, along = half_turn * sign > 0, half_turn > 0
@@ -176,8 +185,8 @@ def in_the_rigs_axes(angle: Series, track: Track) -> tuple[Track, str]:
     return replace(track, position=position), ", ".join(filter(None, words))
 
 
-def _ride(alpha: Array, position: Array) -> tuple[float, tuple[float, float, float, float]]:
-    """Residual and axis and seat of a body that rides on the plate for as long as this fits."""
+def _ride(alpha: Array, position: Array, *, centred: bool = False) -> tuple[float, tuple[float, float, float, float]]:
+    """Residual, axis and seat of a body that rides on the plate for as long as this fits; `centred`: axis at (0, 0)."""
     best: tuple[float, tuple[float, float, float, float]] | None = None
     for share in (0.3, 0.5, 0.7, 0.9):
         n = max(4, round(share * len(alpha)))
@@ -185,7 +194,9 @@ def _ride(alpha: Array, position: Array) -> tuple[float, tuple[float, float, flo
         one, none = np.ones(n), np.zeros(n)
         matrix = np.vstack([np.column_stack([one, none, cos, -sin]), np.column_stack([none, one, sin, cos])])
         wanted = np.concatenate([position[:n, 0], position[:n, 1]])
-        found, *_ = np.linalg.lstsq(matrix, wanted, rcond=None)
+        found = np.zeros(4)
+        free = slice(2 if centred else 0, 4)
+        found[free], *_ = np.linalg.lstsq(matrix[:, free], wanted, rcond=None)
         residual = float(np.sqrt(np.mean((matrix @ found - wanted) ** 2)))
         if best is not None and residual > RIDES * best[0]:
             break
