@@ -209,7 +209,7 @@ Source = tuple[str, list[int], dict[str, Column]]
 
 
 def _bodies(table: Table, options: TableOptions, only_height: bool) -> tuple[list[Source], dict[str, str]]:
-    """Name, rows and columns of every body, and what shows how they are told apart."""
+    """Name, rows and columns of every body, and what distinguishes them."""
     stated = options.columns
     shared = {role: find_column(table, role, stated) for role in ("t", "frame", "sigma", "id")}
     common = {role: column for role, column in shared.items() if column is not None}

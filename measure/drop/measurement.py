@@ -21,7 +21,7 @@ from rigtwin.measure.drop.checks import (
 from rigtwin.measure.drop.evaluate import bounces_of, evaluate_bounces, rate_of, readable
 from rigtwin.measure.drop.fall_in_air import AirDrag
 from rigtwin.measure.drop.find_bead import find_bead
-from rigtwin.measure.drop.scale import SCALE_DOUBT, Gauge, find_gauge, radius_doubt, to_metres
+from rigtwin.measure.drop.scale import SCALE_UNCERTAINTY, Gauge, find_gauge, radius_uncertainty, to_metres
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import open_video
@@ -123,7 +123,7 @@ def measure(
     evaluation = evaluate_bounces(
         track,
         bounces,
-        scale_doubt=gauge.doubt,
+        scale_uncertainty=gauge.uncertainty,
         rate=video.frame_rate,
         repeats=len(repeats - video.skipped),
         losses=found.losses,
@@ -132,7 +132,7 @@ def measure(
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall, "the bead's fall shows"))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
-        checks = (*checks, size_check(2 * seen.radius * gauge.scale, radius_doubt(seen), bead_diameter))
+        checks = (*checks, size_check(2 * seen.radius * gauge.scale, radius_uncertainty(seen), bead_diameter))
     unconfirmed = (f"{RATE_UNCONFIRMED}; {gauge.cross_check}.",) if gauge.source == "gravity" else ()
     unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(
@@ -149,12 +149,12 @@ def measure(
             "frame_rate_hz": video.frame_rate,
             "playback_rate_hz": video.playback_rate,
             "scale_m_per_px": gauge.scale,
-            "scale_std_rel": gauge.doubt,
+            "scale_std_rel": gauge.uncertainty,
             "scale_from": gauge.source,
             "camera_roll_deg": math.degrees(gauge.roll),
-            "camera_roll_std_deg": math.degrees(gauge.roll_doubt),
-            "exposure_fraction": seen.shutter.share if seen.shutter.told else None,
-            "exposure_fraction_std": seen.shutter.doubt if seen.shutter.told else None,
+            "camera_roll_std_deg": math.degrees(gauge.roll_uncertainty),
+            "exposure_fraction": seen.shutter.share if seen.shutter.measured else None,
+            "exposure_fraction_std": seen.shutter.uncertainty if seen.shutter.measured else None,
             "bead_radius_px": seen.radius,
         },
         tracks=(track,),
@@ -183,15 +183,15 @@ def _measure_table(
     track, repeats, losses, fitted = readable(longest, drag if in_metres else AirDrag())
     bounces = bounces_of(track, drag if in_metres else AirDrag(), str(path), fitted=fitted, in_metres=in_metres)
     view: dict[str, object] = {}
-    doubt = camera.scale_doubt(SCALE_DOUBT) if camera.given_scale is not None and in_metres else 0.0
+    uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if camera.given_scale is not None and in_metres else 0.0
     warnings: tuple[str, ...] = ()
     if not in_metres:
         size, parts = bounces.read(lambda at: at.size)
-        doubt = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
+        uncertainty = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
         track = replace(track, position=track.position / size, sigma=track.sigma / size)
         bounces = bounces_of(track, drag, str(path), in_metres=True)
         per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
-        view = {per: 1 / size, "scale_std_rel": doubt, "scale_from": "gravity"}
+        view = {per: 1 / size, "scale_std_rel": uncertainty, "scale_from": "gravity"}
         warnings = (
             f"lengths are in {read.unit or 'a unit that is not stated'}, so the scale was taken from gravity and "
             "depends on the square of the frame rate; give --scale, or the unit with --columns.",
@@ -199,7 +199,7 @@ def _measure_table(
     elif camera.given_scale is not None:
         view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
     evaluation = evaluate_bounces(
-        track, bounces, scale_doubt=doubt, rate=rate_of(longest), repeats=repeats, losses=losses
+        track, bounces, scale_uncertainty=uncertainty, rate=rate_of(longest), repeats=repeats, losses=losses
     )
     warnings = (*warnings, *evaluation.warnings, *read.understood.proposals)
     if len(read.tracks) > 1:

@@ -78,7 +78,7 @@ class Observation:
     times: Array  # shape (n,), [s]
     radius: float | None  # of the drum, in the unit of the profiles
     variants: Mapping[str, tuple[Sequence[Profile], Sequence[Profile]]] = field(default_factory=dict)
-    roll_doubt: float = 0.0  # [deg], standard uncertainty of the camera roll
+    roll_uncertainty: float = 0.0  # [deg], standard uncertainty of the camera roll
     roll_seen: bool = True  # whether the roll was measured or stated
     filmed: bool = False
     bead: float | None = None  # bead diameter, in the unit of the profiles
@@ -245,11 +245,13 @@ def evaluate_observation(seen: Observation, speed: float | None, radius: float |
     s_shaped = _s_shaped(means)
     quantities = []
     for key, mean in means.items():
-        doubt = {
+        uncertainties = {
             part: _spread([_shift(other[key][kept], angles[key][kept]) for other in pair])
             for part, pair in varied.items()
         }
-        quantities.append(_quantity(key, mean, doubt, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped))
+        quantities.append(
+            _quantity(key, mean, uncertainties, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped)
+        )
     warnings = []
     if isinstance(avalanches, str):
         warnings.append(f"avalanche frequency and angles: not given, because {avalanches}.")
@@ -340,7 +342,7 @@ def _s_shaped(means: Mapping[tuple[str, str], Mean]) -> bool:
 def _quantity(
     key: tuple[str, str],
     mean: Mean,
-    doubt: Mapping[str, float],
+    uncertainties: Mapping[str, float],
     seen: Observation,
     frames: int,
     rises: float,
@@ -353,7 +355,7 @@ def _quantity(
     # the observed scatter, weighted by its degrees of freedom against the usual scatter
     scatter2 = ((moments - 1) * mean.deviation**2 + ONE_MOMENT**2) / moments
     budget = {"flow over time": max(mean.std_error, math.sqrt(scatter2 / moments))}
-    budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
+    budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_uncertainty, **uncertainties}
     if seen.filmed:
         budget["perspective, beads in flight"] = HALVES_UNCERTAINTY if method == WHOLE else VIEW_UNCERTAINTY[name]
     budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}

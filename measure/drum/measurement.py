@@ -120,7 +120,10 @@ def measure(
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
-    of_picture = [*checks_of_picture(bed, still), *stance_checks(bed.aside, bed.turning, rising_side(seen.profiles))]
+    of_picture = [
+        *checks_of_picture(bed, still),
+        *stance_checks(bed.bed_direction, bed.turning, rising_side(seen.profiles)),
+    ]
     must_be_a_drum(clip, of_picture)
     try:
         evaluation = evaluate_observation(seen, speed, None if scale is None else seen.radius)

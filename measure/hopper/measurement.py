@@ -130,7 +130,7 @@ def measure(
     evaluation = evaluate_discharge(left, total_mass, opened, last, seen.residue, AREA_UNCERTAINTY)
     timing = flow_timing_check(seen, left.value, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
-    scale, scale_from, scale_doubt = scale_of(seen, camera, bead_diameter, bin_width, spacing)
+    scale, scale_from, scale_uncertainty = scale_of(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
     warnings.append("mass left: taken from the visible area of the bed, which assumes a slab of even depth.")
     view: dict[str, Any] = {
@@ -143,7 +143,7 @@ def measure(
         "slide_goes": {1: "right", -1: "left", 0: "unknown"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
-    velocity = outlet_velocity(seen, scale, scale_doubt, bin_width)
+    velocity = outlet_velocity(seen, scale, scale_uncertainty, bin_width)
     quantities = evaluation.quantities
     size: Check | str = ""
     rate: Check | str = (
@@ -152,10 +152,12 @@ def measure(
     if isinstance(velocity, str):
         warnings.append(f"outlet velocity: not given, because {velocity}.")
     if scale is not None:
-        size = size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing, bin_width)
+        size = size_check(seen, scale, scale_from, scale_uncertainty, bead_diameter, spacing, bin_width)
         outlet = None if isinstance(velocity, str) else doubted(velocity, failed_message(size))
         width = view["slot_width_px"] * scale
-        rate = rate_check(seen, outlet, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
+        rate = rate_check(
+            seen, outlet, width, video.frame_rate, scale=scale, uncertainty=scale_uncertainty, hidden=hidden > HIDDEN
+        )
         quantities = quantities if outlet is None else (*quantities, outlet)
     outcomes = (timing, rate, size, still, nothing_level(seen.upright))
     warnings += [each for each in outcomes if isinstance(each, str) and each]

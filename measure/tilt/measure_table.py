@@ -16,7 +16,7 @@ from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series
 from rigtwin.lab.tracked.table import TableOptions
-from rigtwin.measure.tilt.evaluate import GIVEN_DOUBT, evaluate_run, onset_of, way_down
+from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, evaluate_run, onset_of, way_down
 from rigtwin.measure.tilt.onset import Variant
 
 NOMINAL = 3e-4  # [m/px], until gravity gives the scale
@@ -71,8 +71,8 @@ def measure_table(
     track, axes = in_the_rigs_axes(plate.series, body)
     if not known:
         track = replace(track, position=NOMINAL * track.position, sigma=NOMINAL * track.sigma)
-    doubt = GIVEN_DOUBT if known else math.inf
-    way = way_down(plate.series, [track], variant, bead_diameter, doubt)
+    uncertainty = GIVEN_UNCERTAINTY if known else math.inf
+    way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
     run, onset = onset_of(way, str(path))
     view: dict[str, object] = {}
     if camera.given_scale is not None and known:
@@ -81,7 +81,7 @@ def measure_table(
         view = {"scale_m_per_px" if read.unit == "px" else "scale_m_per_unit": NOMINAL / onset.gain}
         view["scale_from"] = "gravity"
         track = replace(track, position=track.position / onset.gain, sigma=track.sigma / onset.gain)
-        way = way_down(plate.series, [track], variant, bead_diameter, doubt)
+        way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
         run, onset = onset_of(way, str(path))
     evaluation = evaluate_run(way, run, onset, variant, bead_diameter)
     understood = replace(

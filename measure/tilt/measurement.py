@@ -103,14 +103,14 @@ def measure(
     def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
         """Return the record of the film at this scale, and the run and onset in it."""
         plate, track = record(film, gauge)
-        way = way_down(plate, [track], variant, bead_diameter, gauge.doubt)
+        way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         return plate, track, way, *onset_of(way, str(clip))
 
     plate, track, way, run, onset = read(film, gauge)
     by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
     if np.any(film.missing != by_turn_alone.missing):
         plate, track, way, run, onset = read(film, gauge)
-    if not math.isfinite(gauge.doubt):
+    if not math.isfinite(gauge.uncertainty):
         # only now, as it depends on the square of all times
         gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
         plate, track, way, run, onset = read(film, gauge)
