@@ -70,7 +70,7 @@ def read_text_table(path: Path) -> Table:
     left_out = () if end is None else (f"rows from line {body[end][0].number} on are another table and were not read",)
     body = body[:end]
     names, units, titles = _header(heads, width)
-    if all(not name for name in names):
+    if nameless := not any(names):
         names = tuple(str(k + 1) for k in range(width))
     for line, cells in body:
         if len(cells) != width:
@@ -79,7 +79,7 @@ def read_text_table(path: Path) -> Table:
     if titles == () and kind == "Tracker table" and heads:
         titles = tuple(heads[0][1][0] for _ in names)
     rows = tuple(tuple(_plain_number(cell, separator) for cell in cells) for _, cells in body)
-    kept = [k for k in range(width) if names[k] or any(row[k] for row in rows)]
+    kept = [k for k in range(width) if (names[k] and not nameless) or any(row[k] for row in rows)]
     return Table(
         path,
         kind,
