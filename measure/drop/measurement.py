@@ -10,9 +10,9 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import NothingToMeasure, RigtwinError
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, failed, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, failed
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.lab.tracked.read import read_bodies
+from rigtwin.lab.tracked.read import read_bodies, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.lab.tracked.upright import by_fall
 from rigtwin.measure.drop.checks import (
@@ -22,7 +22,14 @@ from rigtwin.measure.drop.checks import (
 from rigtwin.measure.drop.evaluate import bounces_of, evaluate_bounces, rate_of, readable
 from rigtwin.measure.drop.fall_in_air import AirDrag
 from rigtwin.measure.drop.find_bead import find_bead
-from rigtwin.measure.drop.scale import SCALE_UNCERTAINTY, Gauge, find_gauge, radius_uncertainty, to_metres
+from rigtwin.measure.drop.scale import (
+    SCALE_UNCERTAINTY,
+    Gauge,
+    find_gauge,
+    radius_uncertainty,
+    scale_by_gravity,
+    to_metres,
+)
 from rigtwin.measure.drop.sound_measurement import measure_sound, with_sound
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
@@ -213,22 +220,19 @@ def _measure_table(
     in_metres = read.unit == "m"
     track, repeats, losses, fitted = readable(longest, drag if in_metres else AirDrag())
     bounces = bounces_of(track, drag if in_metres else AirDrag(), str(path), fitted=fitted, in_metres=in_metres)
-    view: dict[str, object] = {}
-    uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if camera.given_scale is not None and in_metres else 0.0
+    view = scale_used(read, camera)
+    uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if read.scaled else 0.0
     warnings: tuple[str, ...] = ()
     if not in_metres:
-        size, parts = bounces.read(lambda at: at.size)
-        uncertainty = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
-        track = replace(track, position=track.position / size, sigma=track.sigma / size)
+        by_gravity, uncertainty = scale_by_gravity(bounces, 0.0)
+        track = replace(track, position=track.position * by_gravity, sigma=track.sigma * by_gravity)
         bounces = bounces_of(track, drag, str(path), in_metres=True)
         per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
-        view = {per: 1 / size, "scale_std_rel": uncertainty, "scale_from": "gravity"}
+        view = {per: by_gravity, "scale_std_rel": uncertainty, "scale_from": "gravity"}
         warnings = (
             f"lengths are in {read.unit or 'a unit that is not stated'}, so the scale was taken from gravity and "
             "depends on the square of the frame rate; give --scale, or the unit with --columns.",
         )
-    elif camera.given_scale is not None:
-        view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
     evaluation = evaluate_bounces(
         track, bounces, scale_uncertainty=uncertainty, rate=rate_of(longest), repeats=repeats, losses=losses
     )

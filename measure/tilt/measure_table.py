@@ -14,7 +14,7 @@ from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series, Track
-from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series
+from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, evaluate_run, onset_of, way_down
 from rigtwin.measure.tilt.onset import Variant
@@ -27,7 +27,7 @@ LEVEL_UNKNOWN = (
 
 SAME = 1.5  # ratio of residuals up to which an axis at the origin of the table explains the ride as well
 
-RIDES = 3.0  # factor of residuals up to which the body still rides on the plate
+RIDES = 3.0  # residual relative to that of the best shorter stretch, up to which the body still rides on the plate
 
 
 def measure_table(
@@ -74,10 +74,8 @@ def measure_table(
     uncertainty = GIVEN_UNCERTAINTY if known else math.inf
     way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
     run, onset = onset_of(way, str(path))
-    view: dict[str, object] = {}
-    if camera.given_scale is not None and known:
-        view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
-    elif not known:
+    view = scale_used(read, camera)
+    if not known:
         view = {"scale_m_per_px" if read.unit == "px" else "scale_m_per_unit": NOMINAL / onset.gain}
         view["scale_from"] = "gravity"
         track = replace(track, position=track.position / onset.gain, sigma=track.sigma / onset.gain)
@@ -122,7 +120,7 @@ def _angle(path: Path, options: TableOptions | None, given: Path | None, frame_r
     beside = path.with_name(path.name.replace("-track.", "-angle."))
     candidates = [given] if given is not None else [path, *([beside] if beside != path and beside.exists() else [])]
     for candidate in candidates:
-        found = read_series(candidate, "angle", options if candidate == path else None, frame_rate=frame_rate)
+        found = read_series(candidate, ["angle"], options if candidate == path else None, frame_rate=frame_rate)
         if found is not None:
             flat = float(np.median(found.series.value)) < 0
             series = replace(found.series, value=-found.series.value) if flat else found.series
