@@ -7,6 +7,7 @@ Files are written under a temporary name and then renamed, so that a crash leave
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +21,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import FloatImage, Image
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.quantity import Measurement
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -254,3 +256,13 @@ def _lettering(text: str, letter: int) -> tuple[FloatImage, FloatImage, int]:
 def _fixed(point: Point) -> tuple[int, int]:
     scaled = np.round(np.clip(point, -1e5, 1e5) * 2**_SUBPIXEL_BITS).astype(int)
     return int(scaled[0]), int(scaled[1])
+
+
+def with_record_plot(measurement: Measurement, out: Path | None) -> Measurement:
+    """The measurement with a plot of its record, ``NAME-plot.svg`` in the folder `out`; as it is without a folder."""
+    if out is None:
+        return measurement
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / f"{measurement.source.stem}-plot.svg"
+    save_plot(path, measurement.plot())
+    return replace(measurement, files={"plot": path})

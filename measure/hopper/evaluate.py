@@ -28,6 +28,8 @@ CUT_SHORT = (
 
 UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of an unknown share, uniform between 0 and 1
 
+FIRST_LOSS = 0.01  # share of the filling by which a measured value surely falls; below it a bed at rest may settle
+
 TAIL = 0.02  # share of the discharge time without a loss at the record's end after which the flow has stopped
 
 LASTING = 5  # values over which the median is taken: something may pass in one of them
@@ -109,13 +111,12 @@ def evaluate_discharge(
     opened: Instant | None,
     last: Instant | None,
     residue: float | None,
-    area_doubt: float,
+    area_uncertainty: float,
 ) -> Evaluation:
     time, share, full = _share_left(left)
     warnings = []
     if opened is None:
-        first = int(np.argmax(share < 1 - 1e-9 - 3 * _noise(share)))
-        opened = Instant(float(time[first]), {"time step": WITHIN * _step(time)}, "first loss")
+        opened = _first_loss(time, share)
         warnings.append("opening: not known, so the first loss was taken as the opening; give the time of opening.")
     if last is None:
         last = _last_loss(time, share)
@@ -133,7 +134,7 @@ def evaluate_discharge(
         _instant("last_particle_time", last),
         _discharge(opened, last),
     ]
-    rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
+    rates = _rates(time, share, full, left.unit, total_mass, area_uncertainty)
     quantities += rates
     if len(rates) == 1:
         warnings.append(
@@ -141,18 +142,34 @@ def evaluate_discharge(
         )
     elif rates[1].quantity != "mass_flow_rate":
         warnings.append(f"mass flow rate: not given, only a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
-    share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
-    remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
+    share_uncertainty = UNKNOWN_SHARE if cut else max(area_uncertainty * stays, 0.003 if area_uncertainty else 0.0)
+    remains = Quantity("residue_fraction", stays, share_uncertainty, "1", CUT, doubtful=CUT_SHORT if cut else "")
     quantities.append(remains)
     within = _within_check(rates[0], last.time - opened.time)
     falling = _falling_check(time, share)
     checks = [_emptied_check(stays, cut), within, falling]
-    doubts = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
-    doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
-    if doubt:
-        quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
+    reasons = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
+    reason = "; ".join(dict.fromkeys(text for text in reasons if text))
+    if reason:
+        quantities = [replace(one, doubtful=reason) if one.unit == "s" else one for one in quantities]
     marked = with_times_doubted(tuple(quantities), failed_message(falling))
     return Evaluation(marked, tuple(checks), tuple(warnings))
+
+
+def _first_loss(time: Array, share: Array) -> Instant:
+    """The first loss as the opening; where values flicker, it lies before `FIRST_LOSS` of the filling has left."""
+    noise = _noise(share)
+    step = {"time step": WITHIN * _step(time)}
+
+    def below(level: float) -> float:
+        full = np.flatnonzero(share >= level)
+        return float(time[min(int(full[-1]) + 1, len(time) - 1)]) if len(full) else float(time[0])
+
+    earliest = below(1 - 1e-9 - 3 * noise)
+    if np.all(np.diff(share) <= 0):  # counted, or weighed without noise
+        return Instant(earliest, step, "first loss")
+    latest = max(below(1 - FIRST_LOSS), earliest)
+    return Instant((earliest + latest) / 2, step | {"first loss": UNKNOWN_SHARE * (latest - earliest)}, "first loss")
 
 
 def _still_flows(time: Array, share: Array, lasted: float) -> bool:
@@ -281,7 +298,7 @@ def _discharge(opened: Instant, last: Instant) -> Quantity:
 
 
 def _rates(
-    time: Array, share: Array, full: float, unit: str, total_mass: float | None, area_doubt: float
+    time: Array, share: Array, full: float, unit: str, total_mass: float | None, area_uncertainty: float
 ) -> list[Quantity]:
     """Steady flow rate, and the time from 5 to 95 %, which does not depend on stragglers."""
     gone = 1 - np.minimum.accumulate(share)
@@ -299,7 +316,7 @@ def _rates(
         Quantity(
             "discharge_time_5_95",
             when(0.95) - when(0.05),
-            math.hypot(step / 4, math.sqrt(2) * AT_ENDS * area_doubt / (STEADY[1] - STEADY[0]) * (end - start)),
+            math.hypot(step / 4, math.sqrt(2) * AT_ENDS * area_uncertainty / (STEADY[1] - STEADY[0]) * (end - start)),
             "s",
             "5 to 95 % of what leaves",
         )
@@ -313,7 +330,7 @@ def _rates(
     drift = float(pieces[BINS // 2 :].mean() - pieces[: BINS // 2].mean())
     budget = {
         "scatter of the flow": slope * float(np.std(pieces, ddof=1) / slope) / math.sqrt(BINS),
-        "area for mass": area_doubt * slope,
+        "area for mass": area_uncertainty * slope,
     }
     detail: dict[str, Detail] = {"from_s": round(start, 5), "to_s": round(end, 5), "drift": round(drift / slope, 4)}
     method = f"line, {STEADY[0]:.0%} to {STEADY[1]:.0%}".replace("%", " %")

@@ -24,9 +24,9 @@ def test_a_lamp_in_an_ignored_region_disappears_into_its_surroundings(factor):
     cv2.circle(lamp, (42 * factor, 29 * factor), 8 * factor, 255, -1)
     region = tuple(factor * side for side in REGION)
     result = covered(lamp, [region])
-    assert np.abs(result.astype(int) - plain).max() < 12
+    assert np.abs(result.astype(int) - plain).max() < 20
     colour = covered(cv2.cvtColor(lamp, cv2.COLOR_GRAY2BGR), [region])
-    assert np.abs(colour.astype(int) - plain[..., None]).max() < 12
+    assert np.abs(colour.astype(int) - plain[..., None]).max() < 20  # the lamp is 120 brighter
 
 
 def test_nothing_outside_an_ignored_region_changes():
