@@ -23,7 +23,7 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
-@filmed(*FILM, "plate", "bead_at")
+@filmed(*FILM)
 @tracked
 def measure_drop(
     clip: Annotated[
@@ -55,7 +55,7 @@ def measure_drop(
     epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
 )
 @measured("pendulum")
-@filmed(*FILM, "pivot", "bead_at")
+@filmed(*FILM)
 @tracked
 def measure_pendulum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum, or a table of its tracks.")],
@@ -86,7 +86,7 @@ def measure_pendulum(
 
 @app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
-@filmed(*FILM, "plate", "bead_at")
+@filmed(*FILM)
 @tracked
 def measure_tilt(
     clip: Annotated[
@@ -124,7 +124,7 @@ def measure_tilt(
 
 @app.command("packing", epilog="Example: rigtwin measure packing bed.jpg --cylinder-diameter 65mm --total-mass 212.7g")
 @measured("packing")
-@filmed(*PHOTO, "cylinder", "floor")
+@filmed(*PHOTO)
 @tracked
 def measure_packing(
     photos: Annotated[
@@ -159,7 +159,7 @@ def measure_packing(
 
 @app.command("pile", epilog="Example: rigtwin measure pile front.jpg side.jpg --base-diameter 90mm --bead-diameter 6mm")
 @measured("pile")
-@filmed(*PHOTO, "base", "flank")
+@filmed(*PHOTO)
 @tracked
 def measure_pile(
     photos: Annotated[
@@ -181,7 +181,7 @@ def measure_pile(
 
 @app.command("drum", epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
 @measured("drum")
-@filmed(*FILM, "circle")
+@filmed(*FILM)
 @tracked
 def measure_drum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the rotating drum, a picture, or a table.")],
@@ -210,7 +210,7 @@ def measure_drum(
 
 @app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
 @measured("hopper")
-@filmed(*FILM, "slot")
+@filmed(*FILM)
 @tracked
 def measure_hopper(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper, or a table over time.")],

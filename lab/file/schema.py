@@ -259,16 +259,16 @@ class ContactEntry(_Entry):
 
 
 _OF_CAMERA = [field.name for field in fields(camera.Camera)]
-_ONLY_OF = {
-    "bead_at": ("drop", "pendulum", "tilt"),
-    "plate": ("drop", "tilt"),
-    "pivot": ("pendulum",),
-    "base": ("pile",),
-    "flank": ("pile",),
-    "cylinder": ("packing",),
-    "floor": ("packing",),
-    "circle": ("drum",),
-    "slot": ("hopper",),
+_ONLY_OF: dict[str, tuple[str, ...]] = {
+    "bead_at": (),
+    "plate": (),
+    "pivot": (),
+    "base": (),
+    "flank": (),
+    "cylinder": (),
+    "floor": (),
+    "circle": (),
+    "slot": (),
 }
 """Rigs of which a place in the picture may be stated."""
 
@@ -305,7 +305,7 @@ class CameraEntry(_Entry):
         """Keys that do not go together, with the rig, or with what lies in the lab's folder, and why."""
         for name in sorted(self.model_fields_set & _ONLY_OF.keys()):
             if rig not in _ONLY_OF[name]:
-                yield name, f"a {rig} has no {name}; it is stated of {' and '.join(_ONLY_OF[name])}."
+                yield name, f"is not used by a {rig}; leave it out."
         if len(self.pivot) > 2:
             yield "pivot", f"{len(self.pivot)} pivots are given; a pendulum has one or two."
         if self.camera_roll is not None and self.plumb_line is not None:
