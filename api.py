@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rigtwin.lab.quantity import Measurement
 
 MeasuredRig = Literal["drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"]
-Setting = str | float | int | Path | None
+Setting = str | float | int | Path | Sequence[str] | None
 
 
 def measure(
@@ -46,7 +46,7 @@ def measure(
         Folder for overlay pictures, plot and record.  Without it they go into a temporary folder that is removed.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
-    **settings : str, float, int, pathlib.Path or None
+    **settings : str, float, int, pathlib.Path, sequence of str or None
         Options of ``rigtwin measure RIG`` with underscores: ``frame_rate="240 Hz"``, ``bead_diameter="6.2 mm"``.
         Text carries a unit; a number is in SI units.
 
@@ -282,6 +282,8 @@ def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     """A setting as its command takes it: text through the option's own reader, a number in SI as it is."""
     kind, option = get_args(parameter.annotation)[:2]
     if getattr(option, "parser", None) is not None:
+        if any(get_origin(each) is list for each in get_args(kind)):  # an option that may be repeated
+            return [option.parser(str(each)) for each in ([value] if isinstance(value, str) else value)]
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return option.parser(float(value) if number else str(value))
     kinds = get_args(kind) if get_origin(kind) is not Literal else (kind,)

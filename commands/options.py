@@ -150,12 +150,16 @@ CAMERA: dict[str, Any] = {
             "Photo of a board in the plane of the motion (also charuco, aruco): gives the scale, removes perspective.",
         ),
     ],
+    "ignore": Annotated[
+        list[Any] | None,
+        _read_by("region", "--ignore", "x,y,w,h", "Take nothing from here (pixels; may be repeated): lamp, hand."),
+    ],
 }
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
 
 SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
 
-PHOTO = ("scale", "known_length", "region", "camera_roll", "plumb_line", "board")
+PHOTO = ("scale", "known_length", "region", "ignore", "camera_roll", "plumb_line", "board")
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
 Runs = Annotated[
@@ -235,14 +239,22 @@ def gathered(
     return lambda command: with_options(command, wanted, around, hidden=keyword)
 
 
-def camera_of(*, camera_roll: float | None = None, plumb_line: float | None = None, **said: Any) -> Any:
+def camera_of(
+    *,
+    camera_roll: float | None = None,
+    plumb_line: float | None = None,
+    ignore: list[Any] | None = None,
+    **said: Any,
+) -> Any:
     """The `Camera` that the options describe."""
     from rigtwin.lab import camera
     from rigtwin.lab.errors import BadInput
 
     if camera_roll is not None and plumb_line is not None:
         raise BadInput("--camera-roll and --plumb-line are both given; leave one of them out.")
-    described = camera.Camera(**said, roll=camera_roll if plumb_line is None else plumb_line)
+    described = camera.Camera(
+        **said, roll=camera_roll if plumb_line is None else plumb_line, ignore=tuple(ignore or ())
+    )
     if described.board is None:
         return described
     from rigtwin.measure.geometry.calibration_board import straightened

@@ -85,7 +85,8 @@ class Camera:
     end: Moment | None = None
     roll: float | None = None  # [rad], positive when the scene looks turned clockwise in the picture
     board: Board | None = None
-    lens: Lens | None = None  # what the board says; region, roll and known length are of straight pictures then
+    lens: Lens | None = None  # what the board says; all places are of straight pictures then
+    ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each region
 
     def __post_init__(self) -> None:
         for name in ("frame_rate", "scale"):

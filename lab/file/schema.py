@@ -151,6 +151,11 @@ def _board(value: Any) -> camera.Board:
     return camera.board(_text(value, "checkerboard 9x6 10mm board.jpg"), name="value")
 
 
+def _regions(value: Any) -> tuple[tuple[float, float, float, float], ...]:
+    several = value if isinstance(value, list) and not all(isinstance(each, int | float) for each in value) else [value]
+    return tuple(_region(each) for each in several)
+
+
 def _text(value: Any, example: str) -> str:
     if not isinstance(value, str):
         raise BadInput(f"{value!r} is not a text; write it like {example!r}.")
@@ -238,13 +243,22 @@ class CameraEntry(_Entry):
     camera_roll: Annotated[float, _edge(_roll)] | None = None
     plumb_line: PlumbLine | None = None
     board: Board | None = None
+    ignore: Annotated[tuple[tuple[float, float, float, float], ...], _edge(_regions)] = ()
 
     def camera(self, folder: Path = HERE) -> camera.Camera:
         """What the keys say; a board's photo is named relative to the lab's `folder`."""
         roll = self.camera_roll if self.plumb_line is None else self.plumb_line
         board = None if self.board is None else replace(self.board, photo=folder / self.board.photo)
         return camera.Camera(
-            self.frame_rate, self.scale, self.known_length, self.region, self.start, self.end, roll, board
+            frame_rate=self.frame_rate,
+            scale=self.scale,
+            known_length=self.known_length,
+            region=self.region,
+            start=self.start,
+            end=self.end,
+            roll=roll,
+            board=board,
+            ignore=self.ignore,
         )
 
     def faults(self, folder: Path) -> Iterable[tuple[str, str]]:

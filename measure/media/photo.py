@@ -11,6 +11,7 @@ from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import UnreadableMedia
 from rigtwin.measure.media import pictures as sources
+from rigtwin.measure.media.ignored_regions import covered
 from rigtwin.measure.media.undistort import straight
 from rigtwin.measure.media.validation import must_exist, must_fit, must_lie_inside
 
@@ -25,7 +26,8 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
     path : Path
         JPEG, PNG, BMP, TIFF, HEIC or any other file that OpenCV or Pillow reads.
     camera : Camera, optional
-        Its `lens` corrects distortion and perspective; its `region` and `known_length` must lie inside the photo.
+        Its `lens` corrects distortion and perspective; what it states must lie inside the photo; its regions
+        to `ignore` are covered (see `ignored_regions`).
 
     Returns
     -------
@@ -73,6 +75,7 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
             must_fit(path, photo.shape, camera.lens)
             photo = straight(photo, camera.lens)
         must_lie_inside(path, camera, photo.shape[1], photo.shape[0])
+        photo = covered(photo, camera.ignore) if camera.ignore else photo
     return photo, notes
 
 

@@ -20,8 +20,9 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, UnreadableMedia
-from rigtwin.measure.media import pictures as sources
-from rigtwin.measure.media import sources as sources_sources
+from rigtwin.measure.media import pictures
+from rigtwin.measure.media.ignored_regions import Covered
+from rigtwin.measure.media.sources import Straight, source
 from rigtwin.measure.media.time_base import ROUNDED, time_base
 from rigtwin.measure.media.validation import SMALLEST, must_exist, must_fit, must_lie_inside
 
@@ -58,19 +59,19 @@ class Video:
     times: npt.NDArray[np.float64]  # [s], capture time of every picture, shape (frame_count,)
     first: int  # first frame inside --start/--end
     last: int  # last frame inside --start/--end
-    source: sources.Source = field(repr=False)
+    source: pictures.Source = field(repr=False)
     warnings: tuple[str, ...] = field(default=())
     skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
 
     @property
     def spoilt(self) -> str:
         """Why motion in this video is unreliable or incomplete (interlaced, truncated); empty if it is not."""
-        return "; ".join(note for note in (sources.INTERLACED, sources.CUT_OFF) if note in self.warnings)
+        return "; ".join(note for note in (pictures.INTERLACED, pictures.CUT_OFF) if note in self.warnings)
 
     @property
     def broken_off(self) -> str:
         """Why the recording may be incomplete; empty if it is complete."""
-        return sources.CUT_OFF if sources.CUT_OFF in self.warnings else ""
+        return pictures.CUT_OFF if pictures.CUT_OFF in self.warnings else ""
 
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
         """The frames from `first` to `last` (inclusive, default: those of the video), in order."""
@@ -160,10 +161,10 @@ def open_video(path: Path, camera: Camera) -> Video:
     """
     must_exist(path, "video")
     cv2.setNumThreads(1)  # more threads cost more time in synchronisation than they save
-    film = sources_sources.source(path)
+    film: pictures.Source = source(path)
     if camera.lens is not None:
         must_fit(path, film.shape, camera.lens)
-        film = sources_sources.Straight(film, camera.lens)
+        film = Straight(film, camera.lens)
     stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
     if len(stamps) < 3:
         raise UnreadableMedia(
@@ -172,6 +173,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     if min(height, width) < SMALLEST:
         raise UnreadableMedia(f"{path}: is only {width} x {height} px, too small to show a rig; give the clip itself.")
     must_lie_inside(path, camera, width, height)
+    film = Covered(film, camera.ignore) if camera.ignore else film
     if not (camera.frame_rate or stated) > 0:
         raise BadInput(f"{path}: the file states no frame rate; give the capture rate with --frame-rate 240Hz.")
     times, plays_at, oddities = time_base(stamps, stated, film.tick, camera.frame_rate)
