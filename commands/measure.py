@@ -23,10 +23,12 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
-@filmed()
+@filmed(*FILM)
 @tracked
 def measure_drop(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the drop, or a table of its track.")],
+    clip: Annotated[
+        Path, typer.Argument(metavar="CLIP", help="Video of the drop, a sound recording, or a table of its track.")
+    ],
     *,
     camera: Camera,
     table: Table,
@@ -35,12 +37,17 @@ def measure_drop(
         float | None, quantity("--bead-density", "density", "568kg/m^3", "Density, to allow for the air.")
     ] = None,
     bead_mass: BeadMass = None,
+    sound: Annotated[
+        bool, typer.Option("--sound", help="Evaluate the sound of the impacts too, and compare it with the film.")
+    ] = False,
 ) -> Work:
     """A bead bounces on a plate: heights and restitution per bounce."""
     solid = density(bead_density, bead_mass, bead_diameter)
     from rigtwin.measure.drop import measurement as drop
 
-    return partial(drop.measure, clip, camera, bead_diameter=bead_diameter, bead_density=solid, table=table)
+    return partial(
+        drop.measure, clip, camera, bead_diameter=bead_diameter, bead_density=solid, table=table, sound=sound
+    )
 
 
 @app.command(
@@ -48,7 +55,7 @@ def measure_drop(
     epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
 )
 @measured("pendulum")
-@filmed()
+@filmed(*FILM)
 @tracked
 def measure_pendulum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum, or a table of its tracks.")],
@@ -79,7 +86,7 @@ def measure_pendulum(
 
 @app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
-@filmed()
+@filmed(*FILM)
 @tracked
 def measure_tilt(
     clip: Annotated[
@@ -174,7 +181,7 @@ def measure_pile(
 
 @app.command("drum", epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
 @measured("drum")
-@filmed(*FILM, "circle")
+@filmed(*FILM)
 @tracked
 def measure_drum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the rotating drum, a picture, or a table.")],
@@ -203,7 +210,7 @@ def measure_drum(
 
 @app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
 @measured("hopper")
-@filmed(*FILM, "slot")
+@filmed(*FILM)
 @tracked
 def measure_hopper(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper, or a table over time.")],

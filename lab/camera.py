@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -17,14 +18,19 @@ from rigtwin.lab.units import LONGEST, si
 _BOARD = re.compile(
     r"(checkerboard|charuco|aruco)\s+(?:(\d{1,3})x(\d{1,3})\s+)?([\d.]+\s*[a-zµ]*)(?:/([\d.]+\s*[a-zµ]*))?\s+(\S.*)"
 )
-STATED_UNCERTAINTY = 2.0  # [px], standard uncertainty of a point that the user reads off a picture
 SHORTEST_LINE = 10.0  # [px], below it a plumb line says nothing of the vertical
 WIDEST_SQUARE = 1.0  # [m], of a board; "10" was meant to be millimetres
 WIDEST_PIXEL = 0.1  # [m], of which a picture shows some hundred metres; "0.3" was meant to be millimetres
 FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the pen
 
 
+STATED_SIGMA = 2.0  # [px], standard uncertainty of a point that the user states, read off the picture by eye
+
 Kind = Literal["checkerboard", "charuco", "aruco"]
+Point = tuple[float, float]
+"""A place in the picture [px], x to the right, y down, centre of the top-left pixel is (0, 0)."""
+Line = tuple[Point, Point]
+Flank = Literal["left", "right", "both"]
 
 
 @dataclass(frozen=True)
@@ -32,8 +38,8 @@ class KnownLength:
     """A length in view and the two picture points it spans."""
 
     length: float  # [m]
-    start: tuple[float, float]  # [px], x to the right, y down, centre of the top-left pixel is (0, 0)
-    end: tuple[float, float]  # [px]
+    start: Point
+    end: Point
 
     @property
     def scale(self) -> float:
@@ -48,6 +54,14 @@ class Moment:
 
     value: float
     unit: str  # "s" or "frame"
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Where a body is in one frame."""
+
+    frame: int
+    at: Point
 
 
 @dataclass(frozen=True)
@@ -70,9 +84,7 @@ class Lens:
     plane: tuple[tuple[float, ...], ...]  # homography, straight to taken without distortion, shape (3, 3)
     bend: tuple[float, float]  # radial distortion, of the square and fourth power of radius / half the diagonal
     scale: float  # [m/px] of the straight picture
-    uncertainty: (
-        float  # relative standard uncertainty of the scale, from the corners alone: not of where the board stood
-    )
+    uncertainty: float  # relative standard uncertainty of the scale from the corners, without that of the board's place
     residual: float  # [px], rms of the board's corners
 
 
@@ -88,12 +100,18 @@ class Camera:
     end: Moment | None = None
     roll: float | None = None  # [rad], positive when the scene looks turned clockwise in the picture
     board: Board | None = None
-    lens: Lens | None = None  # what the board says; all places are of straight pictures then
-    ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each region
-    cylinder: tuple[float, float, float, float] | None = None  # [px], x, y of both inner walls at the floor
-    floor: float | None = None  # [px], row of the cylinder's floor on its axis
-    circle: tuple[float, float, float] | None = None  # [px], x, y of the centre and radius of the drum's inner wall
-    slot: tuple[float, float, float, float] | None = None  # [px], x, y of both ends of the hopper's slot
+    lens: Lens | None = None  # what the board says; all places below and above are of straight pictures then
+    # what is stated instead of being found in the picture; used as stated, with the uncertainty STATED_SIGMA
+    ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each
+    bead_at: Seed | None = None  # drop, pendulum, tilt: where the track begins
+    plate: Line | None = None  # drop: surface that the bead hits; tilt: surface of the plate in the first frame
+    pivots: tuple[Point, ...] = ()  # pendulum: hinge of bead A, and of bead B
+    base: Line | None = None  # pile: left and right end of the line that the heap stands on
+    flank: Flank | None = None  # pile: the flanks that are measured
+    cylinder: Line | None = None  # packing: inner walls at the floor
+    floor: float | None = None  # [px] packing: y of the floor
+    circle: tuple[float, float, float] | None = None  # [px] drum: centre x, y and radius of the inner rim
+    slot: Line | None = None  # hopper: the two edges of the outlet
 
     def __post_init__(self) -> None:
         for name in ("frame_rate", "scale"):
@@ -111,9 +129,29 @@ class Camera:
             raise BadInput("a scale and a known length are both given; leave one of them out.")
         if self.board is not None and self.lens is None and self.given_scale is not None:
             raise BadInput("a board and a scale are both given; leave one of them out.")
+        if len(self.pivots) > 2:
+            raise BadInput(f"{len(self.pivots)} pivots are given; a pendulum has one or two.")
         start, end = self.start, self.end
         if start and end and start.unit == end.unit and start.value >= end.value:
             raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")
+
+    def places(self) -> Iterator[tuple[str, Point]]:
+        """Option and place [px] of every point that is stated."""
+        length = self.known_length
+        lines = {
+            "--known-length": None if length is None else (length.start, length.end),
+            "--plate": self.plate,
+            "--base": self.base,
+            "--cylinder": self.cylinder,
+            "--slot": self.slot,
+        }
+        for option, ends in lines.items():
+            yield from ((option, end) for end in ends or ())
+        yield from (("--pivot", pivot) for pivot in self.pivots)
+        if self.bead_at is not None:
+            yield "--bead-at", self.bead_at.at
+        if self.floor is not None:
+            yield "--floor", (0.0, self.floor)
 
     @property
     def given_scale(self) -> float | None:
@@ -213,32 +251,49 @@ def region(text: str, *, name: str = "region") -> tuple[float, float, float, flo
     return x, y, width, height
 
 
-def two_points(text: str, *, name: str = "cylinder") -> tuple[float, float, float, float]:
-    """Parse ``"x1,y1,x2,y2"`` in pixels, two points of which the left one comes first.
+def line(text: str, *, name: str = "base") -> Line:
+    """Parse ``"x1,y1,x2,y2"``, two points of a line in the picture, in the order from left to right.
 
-    >>> two_points("400,300,100,300")
-    (100.0, 300.0, 400.0, 300.0)
+    >>> line("500,310,100,300")
+    ((100.0, 300.0), (500.0, 310.0))
     """
     x1, y1, x2, y2 = _floats(text, 4, name, "x1,y1,x2,y2")
-    if math.hypot(x2 - x1, y2 - y1) < SHORTEST_LINE or abs(y2 - y1) > abs(x2 - x1):
-        raise BadQuantity(
-            f"{name}: {text!r} must be a point on the left and one on the right, {SHORTEST_LINE:g} px apart."
-        )
-    return (x1, y1, x2, y2) if x1 < x2 else (x2, y2, x1, y1)
+    if math.hypot(x2 - x1, y2 - y1) < SHORTEST_LINE:
+        raise BadQuantity(f"{name}: {text!r} is shorter than {SHORTEST_LINE:g} pixels; give two points far apart.")
+    first, second = sorted([(x1, y1), (x2, y2)])
+    return first, second
+
+
+def point(text: str, *, name: str = "pivot") -> Point:
+    """Parse ``"x,y"`` in pixels."""
+    x, y = _floats(text, 2, name, "x,y")
+    return x, y
 
 
 def circle(text: str, *, name: str = "circle") -> tuple[float, float, float]:
-    """Parse ``"x,y,radius"`` in pixels."""
-    x, y, radius = _floats(text, 3, name, "x,y,radius")
-    if radius < SHORTEST_LINE:
-        raise BadQuantity(f"{name}: {text!r} has a radius of {radius:g} px; {SHORTEST_LINE:g} px are needed.")
+    """Parse ``"cx,cy,r"`` in pixels."""
+    x, y, radius = _floats(text, 3, name, "cx,cy,r")
+    if radius <= SHORTEST_LINE:
+        raise BadQuantity(f"{name}: {text!r} has a radius of at most {SHORTEST_LINE:g} pixels; give the inner rim.")
     return x, y, radius
 
 
-def row(text: str | float, *, name: str = "floor") -> float:
-    """Parse a row of the picture in pixels."""
-    (y,) = _floats(str(text), 1, name, "612.5")
-    return y
+def height(text: str | float, *, name: str = "floor") -> float:
+    """Parse a height in the picture, ``"y"`` in pixels."""
+    return _floats(str(text), 1, name, "y")[0]
+
+
+def seed(text: str, *, name: str = "bead_at") -> Seed:
+    """Parse ``"frame:x,y"``.
+
+    >>> seed("12:310,88.5")
+    Seed(frame=12, at=(310.0, 88.5))
+    """
+    frame, separator, place = text.partition(":")
+    if not separator or not frame.strip().isdigit():
+        raise BadQuantity(f"{name}: {text!r} is not of the form 'frame:x,y', like '12:310,88'.")
+    x, y = _floats(place, 2, name, "frame:x,y")
+    return Seed(int(frame), (x, y))
 
 
 def moment(text: str | float, *, name: str = "start") -> Moment:

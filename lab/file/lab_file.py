@@ -261,7 +261,7 @@ def _stands_there(path: Path, *, folder_too: bool) -> bool:
 
 
 def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key) -> list[Problem]:
-    return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder)]
+    return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder, entry.rig)]
 
 
 def _repeated_ids(document: Document, file: LabFile) -> list[Problem]:

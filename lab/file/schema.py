@@ -10,7 +10,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
@@ -151,21 +151,30 @@ def _board(value: Any) -> camera.Board:
     return camera.board(_text(value, "checkerboard 9x6 10mm board.jpg"), name="value")
 
 
-def _two_points(value: Any) -> tuple[float, float, float, float]:
-    return camera.two_points(_text(value, "100,600,340,600"), name="value")
+def _regions(value: Any) -> tuple[tuple[float, float, float, float], ...]:
+    several = value if isinstance(value, list) and not all(isinstance(each, int | float) for each in value) else [value]
+    return tuple(_region(each) for each in several)
+
+
+def _points(value: Any) -> tuple[camera.Point, ...]:
+    several = value if isinstance(value, list) else [value]
+    return tuple(camera.point(_text(each, "320,40"), name="value") for each in several)
+
+
+def _line(value: Any) -> camera.Line:
+    return camera.line(_text(value, "100,300,500,300"), name="value")
 
 
 def _circle(value: Any) -> tuple[float, float, float]:
     return camera.circle(_text(value, "320,240,200"), name="value")
 
 
-def _row(value: Any) -> float:
-    return camera.row(value, name="value")
+def _floor(value: Any) -> float:
+    return camera.height(value, name="value")
 
 
-def _regions(value: Any) -> tuple[tuple[float, float, float, float], ...]:
-    several = value if isinstance(value, list) and not all(isinstance(each, int | float) for each in value) else [value]
-    return tuple(_region(each) for each in several)
+def _seed(value: Any) -> camera.Seed:
+    return camera.seed(_text(value, "12:310,88"), name="value")
 
 
 def _text(value: Any, example: str) -> str:
@@ -213,6 +222,10 @@ Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
 Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
 KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
 PlumbLine = Annotated[float, _edge(_plumb_line)]
+Line = Annotated[camera.Line, _edge(_line)]
+BeadAt = Annotated[camera.Seed, _edge(_seed)]
+Pivots = Annotated[tuple[camera.Point, ...], _edge(_points)]
+Flank = camera.Flank
 Board = Annotated[camera.Board, _edge(_board)]
 Views = Annotated[list[str], _edge(_views)]
 Name = Annotated[str, Field(min_length=1)]
@@ -245,6 +258,21 @@ class ContactEntry(_Entry):
     rolling_friction: Friction | None = None
 
 
+_OF_CAMERA = [field.name for field in fields(camera.Camera)]
+_ONLY_OF: dict[str, tuple[str, ...]] = {
+    "bead_at": (),
+    "plate": (),
+    "pivot": (),
+    "base": (),
+    "flank": (),
+    "cylinder": ("packing",),
+    "floor": ("packing",),
+    "circle": (),
+    "slot": (),
+}
+"""Rigs of which a place in the picture may be stated."""
+
+
 class CameraEntry(_Entry):
     frame_rate: Rate | None = None
     scale: Scale | None = None
@@ -256,34 +284,30 @@ class CameraEntry(_Entry):
     plumb_line: PlumbLine | None = None
     board: Board | None = None
     ignore: Annotated[tuple[tuple[float, float, float, float], ...], _edge(_regions)] = ()
-
-    cylinder: Annotated[tuple[float, float, float, float], _edge(_two_points)] | None = None
-    floor: Annotated[float, _edge(_row)] | None = None
+    bead_at: BeadAt | None = None
+    plate: Line | None = None
+    pivot: Pivots = ()
+    base: Line | None = None
+    flank: Flank | None = None
+    cylinder: Line | None = None
+    floor: Annotated[float, _edge(_floor)] | None = None
     circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = None
-    slot: Annotated[tuple[float, float, float, float], _edge(_two_points)] | None = None
+    slot: Line | None = None
 
     def camera(self, folder: Path = HERE) -> camera.Camera:
         """What the keys say; a board's photo is named relative to the lab's `folder`."""
         roll = self.camera_roll if self.plumb_line is None else self.plumb_line
         board = None if self.board is None else replace(self.board, photo=folder / self.board.photo)
-        return camera.Camera(
-            frame_rate=self.frame_rate,
-            scale=self.scale,
-            known_length=self.known_length,
-            region=self.region,
-            start=self.start,
-            end=self.end,
-            roll=roll,
-            board=board,
-            ignore=self.ignore,
-            cylinder=self.cylinder,
-            floor=self.floor,
-            circle=self.circle,
-            slot=self.slot,
-        )
+        stated = {name: getattr(self, name) for name in _OF_CAMERA if name in type(self).model_fields}
+        return camera.Camera(**{**stated, "board": board}, roll=roll, pivots=self.pivot)
 
-    def faults(self, folder: Path) -> Iterable[tuple[str, str]]:
-        """Keys that do not go together, or with what lies in the lab's folder, and why."""
+    def faults(self, folder: Path, rig: str) -> Iterable[tuple[str, str]]:
+        """Keys that do not go together, with the rig, or with what lies in the lab's folder, and why."""
+        for name in sorted(self.model_fields_set & _ONLY_OF.keys()):
+            if rig not in _ONLY_OF[name]:
+                yield name, f"is not used by a {rig}; leave it out."
+        if len(self.pivot) > 2:
+            yield "pivot", f"{len(self.pivot)} pivots are given; a pendulum has one or two."
         if self.camera_roll is not None and self.plumb_line is not None:
             yield "plumb_line", "camera_roll is given too; leave one of them out."
         if self.board is not None:

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, BadQuantity
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
-from rigtwin.lab.tracked.read import read_bodies, read_profiles, read_series
+from rigtwin.lab.tracked.read import read_bodies, read_profiles, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.tracked.upright import by_fall, by_swing
 
@@ -172,6 +173,16 @@ def test_stated_columns_and_units_come_first(tmp_path):
         parse_columns("frame")
 
 
+@pytest.mark.parametrize(("unit", "used"), [("px", True), ("mm", False)])
+def test_a_given_scale_is_stated_as_used_for_pixels_only(tmp_path, unit, used):
+    camera = Camera(scale=1e-3)
+    table = f"t_s,x_{unit},y_{unit}\n0,1,50\n0.1,2,40\n0.2,3,20\n"
+    found = read_bodies(written(tmp_path, table), scale=camera.given_scale)
+    (track,) = found.tracks
+    np.testing.assert_allclose(track.position, np.column_stack([X, Y]))
+    assert scale_used(found, camera) == ({"scale_m_per_px": 1e-3, "scale_from": "given"} if used else {})
+
+
 def test_pixels_stay_pixels_without_a_scale(tmp_path):
     path = written(tmp_path, "frame,x_px,y_px\n0,10,500\n1,20,400\n2,30,200\n")
     assert read_bodies(path, frame_rate=10.0).unit == "px"
@@ -265,7 +276,7 @@ def test_a_surface_over_time_is_one_profile_for_each_time(tmp_path):
 )
 def test_a_value_over_time_is_read_in_si(tmp_path, header, role, values, unit):
     path = written(tmp_path, f"{header}\n0,10\n1,20\n")
-    found = read_series(path, role)
+    found = read_series(path, [role])
     assert found is not None
     if values is None:
         assert "degrees are taken" in "".join(found.understood.notes)
