@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
-from rigtwin.lab.camera import STATED_UNCERTAINTY
+from rigtwin.lab.camera import STATED_SIGMA, Line
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, likeness, more_beads, rim_radius
 from rigtwin.measure.bulk.hidden_surface import covered_columns, glare_in
 from rigtwin.measure.bulk.outline import Silhouette, View, outline_of
@@ -54,31 +54,34 @@ TEXTURE = 2.0  # limit of the log odds from texture; less than the 3.9 of colour
 class Stated:
     """What the user reads off the photo [px]."""
 
-    walls: tuple[float, float, float, float] | None = None  # x, y of both inner walls at the floor, left first
+    walls: Line | None = None  # both inner walls at the floor, left first
     floor: float | None = None  # row of the floor on the axis
 
     @property
     def middle(self) -> tuple[float, float]:
         """Point of the axis at the floor."""
         assert self.walls is not None
-        x1, y1, x2, y2 = self.walls
+        (x1, y1), (x2, y2) = self.walls
         return (x1 + x2) / 2, (y1 + y2) / 2 if self.floor is None else self.floor
+
+    @property
+    def half(self) -> float:
+        """Radius of the cylinder."""
+        assert self.walls is not None
+        return math.dist(*self.walls) / 2
 
     def between(self, shape: tuple[int, ...], share: float) -> Mask:
         """Mask of the pixels within a `share` of the radius of the axis, and above the front of the floor."""
-        assert self.walls is not None
-        x1, y1, x2, y2 = self.walls
-        half = math.hypot(x2 - x1, y2 - y1) / 2
         column, row = self.middle
-        across = np.abs(np.arange(shape[1]) - column) < share * half
-        return np.asarray((np.arange(shape[0]) < row + FRONT * half)[:, None] & across)
+        across = np.abs(np.arange(shape[1]) - column) < share * self.half
+        return np.asarray((np.arange(shape[0]) < row + FRONT * self.half)[:, None] & across)
 
     def across(self, straight: Straight, lean: float) -> tuple[float, float]:
         """Places of the walls from the middle of the region of grains."""
         assert self.walls is not None
         x, y = straight.centre
-        one, two = ((self.walls[k] - x) * math.cos(lean) - (self.walls[k + 1] - y) * math.sin(lean) for k in (0, 2))
-        return one, two
+        left, right = ((wall[0] - x) * math.cos(lean) - (wall[1] - y) * math.sin(lean) for wall in self.walls)
+        return left, right
 
     def down(self, straight: Straight, lean: float, offset: float) -> float | None:
         """Place of the floor below the middle of the region of grains, on the axis at `offset`."""
@@ -198,7 +201,7 @@ def find_bed(
     known = stated.down(straight, lean, offset)
     floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected, known)
     if known is not None:
-        floor_sigma = STATED_UNCERTAINTY
+        floor_sigma = STATED_SIGMA
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
         middle - offset * math.sin(lean) + floor * math.cos(lean),
@@ -320,9 +323,8 @@ def _beads(
     shrink = min(1.0, COARSE / max(grey.shape))
     small = grey if shrink == 1 else cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
     radii = 0.0055 * max(small.shape), 0.045 * max(small.shape)
-    given = stated.walls
-    half = 0.0 if given is None else math.hypot(given[2] - given[0], given[3] - given[1]) / 2
-    between = None if given is None else stated.between(grey.shape, BESIDE)
+    half = 0.0 if stated.walls is None else stated.half
+    between = None if stated.walls is None else stated.between(grey.shape, BESIDE)
     if between is not None:
         if ratio is not None:
             radii = 0.8 * shrink * half / ratio, 1.1 * shrink * half / ratio

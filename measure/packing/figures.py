@@ -74,8 +74,8 @@ def _marked(image: Image, bed: Bed, measurement: Measurement) -> Image:
     for side in (-half, half):
         line((side, 0.0), (side, top), SKY)
     if bed.stated.walls is not None:
-        for k in (0, 2):
-            draw_cross(picture, (bed.stated.walls[k], bed.stated.walls[k + 1]), 0.03 * bed.width, SKY)
+        for wall in bed.stated.walls:
+            draw_cross(picture, wall, 0.03 * bed.width, SKY)
     if bed.stated.floor is not None:
         draw_cross(picture, (bed.axis[0], bed.stated.floor), 0.03 * bed.width, GREEN)
     points = view.to_picture(x, height)

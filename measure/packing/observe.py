@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Image
-from rigtwin.lab.camera import STATED_UNCERTAINTY, Camera
+from rigtwin.lab.camera import STATED_SIGMA, Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import (
     Check,
@@ -105,7 +105,7 @@ def _scale(
         return camera.given_scale, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
     if wall is not None and camera.cylinder is not None:
-        return wall, math.hypot(WALL_UNCERTAINTY, math.sqrt(2) * STATED_UNCERTAINTY / bed.width), "stated cylinder"
+        return wall, math.hypot(WALL_UNCERTAINTY, math.sqrt(2) * STATED_SIGMA / bed.width), "stated cylinder"
     uncertainty = WALL_UNCERTAINTY
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)

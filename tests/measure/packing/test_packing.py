@@ -629,7 +629,7 @@ def test_a_photo_that_cuts_the_bed_off_above_its_floor_makes_all_quantities_doub
 
 def at_the_floor():
     """Both inner walls of a drawn bed at its floor [px]."""
-    return 200 - 30 * PIXEL, 540.0, 200 + 30 * PIXEL, 540.0
+    return (200 - 30 * PIXEL, 540.0), (200 + 30 * PIXEL, 540.0)
 
 
 def test_stated_walls_and_floor_are_used_with_their_own_uncertainty(tmp_path):
@@ -661,7 +661,7 @@ def test_a_bed_without_round_grains_is_measured_between_stated_walls_and_doubtfu
     photo = tmp_path / "bed.png"
     picture = np.full((620, 560, 3), (205, 200, 192), np.uint8)
     rng = np.random.default_rng(4)
-    left, floor, right, _ = at_the_floor()
+    (left, floor), (right, _) = at_the_floor()
     sand = rng.integers(60, 140, (200, int(right) - int(left)))[..., None] * np.array([0.6, 0.8, 1.0])
     picture[int(floor) - 200 : int(floor), int(left) : int(right)] = sand
     cv2.imwrite(str(photo), picture)
