@@ -267,7 +267,7 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "flank": (),
     "cylinder": (),
     "floor": (),
-    "circle": (),
+    "circle": ("drum",),
     "slot": (),
 }
 """Rigs of which a place in the picture may be stated."""
