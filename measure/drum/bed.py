@@ -107,9 +107,7 @@ class Bed:
     turning: int = 0  # direction of the beads at the wall: +1 clockwise, -1 anticlockwise, 0 unknown
 
 
-def follow_bed(
-    video: Video, camera: Camera, *, bead_share: float | None, progress: Progress = silent
-) -> Bed:
+def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progress: Progress = silent) -> Bed:
     """Find the surface of the bed in every frame; `bead_share` is bead over drum diameter where both are known.
 
     Raises `NothingToMeasure` if no turning drum with a bed in it is found.

@@ -19,7 +19,9 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
         if not (-1 <= x <= width and -1 <= y <= height):
             raise BadInput(f"{path}: {option} names a point at {x:g},{y:g}, {outside}")
     if camera.circle is not None and camera.circle[2] > max(width, height):
-        raise BadInput(f"{path}: --circle has a radius of {camera.circle[2]:g} px, more than {width} x {height} px show.")
+        raise BadInput(
+            f"{path}: --circle has a radius of {camera.circle[2]:g} px, more than {width} x {height} px show."
+        )
 
 
 def must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:
