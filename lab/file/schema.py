@@ -278,7 +278,7 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "flank": (),
     "cylinder": ("packing",),
     "floor": ("packing",),
-    "circle": (),
+    "circle": ("drum",),
     "slot": (),
 }
 """Rigs of which a place in the picture may be stated."""
