@@ -20,7 +20,7 @@ from rigtwin.measure.packing.graduations import Gauge, find_gauge
 from rigtwin.measure.packing.grain_region import CORE, Mask, Straight, grain_region, lower_ends, sides, straightened
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
-COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
+FINEST = 1000  # [px], longer side of the analysed picture; a bead's edge is read to 0.6 px, an eighth of its least radius
 NEXT_TO = 2.0  # [bead radii], from the region to the middle of a bead that lies on it
 WITHIN, BEYOND = 0.5, 1.2  # [bead radii], by which a wall may lie within and beyond the usual end of the grains
 OFF_CENTRE = 0.05  # standard uncertainty of the lens's axis in the picture, which may be cropped, over its longer side
@@ -30,7 +30,6 @@ FRONT, BESIDE = 0.4, 1.1  # shares of the radius, by which grains appear below t
 USUAL_RATIO = 10.0  # cylinder over bead diameter where it is not stated
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
-SAMPLED = 60  # rows at which the width of the bed is read
 ZERO_NEAR = 4.6  # [mm], zero to floor: less than half a centimetre, so that the longer marks identify the zero
 GOES_ON = 6.0  # [mm], graduations further below the zero after a gap mean that the zero is wrong
 ENDS_ABOVE = 4.0  # [mm], graduations may end this far above zero: the gauge's foot and its shadow hide a mark or two
@@ -52,10 +51,17 @@ TEXTURE = 2.0  # limit of the log odds from texture; less than the 3.9 of colour
 
 @dataclass(frozen=True)
 class Stated:
-    """What the user reads off the photo [px]."""
+    """What the user reads off the photo [px], with the standard uncertainty `sigma` of each coordinate."""
 
     walls: Line | None = None  # both inner walls at the floor, left first
     floor: float | None = None  # row of the floor on the axis
+    sigma: float = STATED_SIGMA
+
+    def zoomed(self, zoom: float) -> Stated:
+        """The same in a picture with `zoom` px per px of the photo."""
+        left, right = self.walls or ((0.0, 0.0), (0.0, 0.0))
+        walls = ((left[0] * zoom, left[1] * zoom), (right[0] * zoom, right[1] * zoom)) if self.walls else None
+        return Stated(walls, None if self.floor is None else self.floor * zoom, self.sigma * zoom)
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -94,7 +100,7 @@ class Stated:
 
 @dataclass(frozen=True)
 class Bed:
-    """A bed in the picture; lengths in px, rows counted downwards."""
+    """A bed in the picture; lengths in px of the analysed picture, rows counted downwards."""
 
     axis: tuple[float, float]  # point of the axis at the floor
     lean: float  # [rad], of the axis: positive where its foot is further right
@@ -155,7 +161,7 @@ class Bed:
 
 
 def find_bed(
-    image: Image,
+    photo: Image,
     *,
     cylinder: float | None,
     bead: float | None,
@@ -167,7 +173,10 @@ def find_bed(
 
     `cylinder` (inner) and `bead` are diameters [m] where known, `stated` are walls and floor read off the photo.
     """
-    stated = stated or Stated()
+    zoom = min(1.0, FINEST / max(photo.shape[:2]))
+    image = np.asarray(cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)) if zoom < 1 else photo
+    stated = (stated or Stated()).zoomed(zoom)
+    region = None if region is None else (region[0] * zoom, region[1] * zoom, region[2] * zoom, region[3] * zoom)
     glare = glare_in(image)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
@@ -201,7 +210,7 @@ def find_bed(
     known = stated.down(straight, lean, offset)
     floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected, known)
     if known is not None:
-        floor_sigma = STATED_SIGMA
+        floor_sigma = stated.sigma
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
         middle - offset * math.sin(lean) + floor * math.cos(lean),
@@ -214,7 +223,7 @@ def find_bed(
     if found is None:
         return f"no outline was found above {len(kept.centre)} circles between x = {x[0]:.0f} and {x[1]:.0f} px"
     covered = covered_columns(found, image, kept, alike, glare, np.abs(found.x) < INSIDE * width / 2)
-    found = replace(found, height=np.where(covered, np.nan, found.height))
+    found = replace(found, height=np.where(covered, np.nan, found.height), zoom=zoom)
     gauge = None
     if stated.walls is None and (cylinder is not None or bead is not None):
         pixel = width / (cylinder * 1e3) if cylinder else 2 * beads.radius / (bead or 1.0) / 1e3
@@ -241,7 +250,7 @@ def find_bed(
         "",
         float(max(image.shape[:2])),
         found,
-        _narrowing(straight) / width,
+        _narrowing(straight, beads.radius) / width,
         roll_seen,
         stated,
         few,
@@ -320,19 +329,16 @@ def _beads(
 
     `ratio` is cylinder over bead diameter; with stated walls it gives the size of the circles.
     """
-    shrink = min(1.0, COARSE / max(grey.shape))
-    small = grey if shrink == 1 else cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    radii = 0.0055 * max(small.shape), 0.045 * max(small.shape)
+    radii = 0.0055 * max(grey.shape), 0.045 * max(grey.shape)
     half = 0.0 if stated.walls is None else stated.half
     between = None if stated.walls is None else stated.between(grey.shape, BESIDE)
+    searched = grey
     if between is not None:
         if ratio is not None:
-            radii = 0.8 * shrink * half / ratio, 1.1 * shrink * half / ratio
-        here = cv2.resize(between.astype(np.uint8), small.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-        small = np.where(here, small, np.median(small)).astype(np.uint8)
-    beads = find_beads(np.asarray(small, dtype=np.uint8), radii)
+            radii = 0.8 * half / ratio, 1.1 * half / ratio
+        searched = np.where(between, grey, np.median(grey)).astype(np.uint8)
+    beads = find_beads(searched, radii)
     if beads is not None:
-        beads = Beads(beads.centre / shrink, beads.radius / shrink)
         beads = more_beads(edges(grey), likeness(image, beads), beads, least_group=PARTED)
         if region is not None:
             x, y, width, height = region
@@ -381,7 +387,7 @@ def _walls(straight: Straight, radius: float, upright: Level) -> tuple[float, fl
     column, middle = straight.centre
     places = [line.start[1] + (middle - line.start[0]) * math.tan(line.slope) - column for line in upright.lines]
     walls = []
-    for sign, ends in zip((-1, 1), sides(straight), strict=True):
+    for sign, ends in zip((-1, 1), sides(straight, radius), strict=True):
         end = float(np.median(ends))
         near = [place for place in places if -WITHIN * radius < sign * (place - end) < BEYOND * radius]
         walls.append(min(near, key=lambda place: abs(place - end)) if near else end)
@@ -430,21 +436,21 @@ def _floor(
     return known, 0.0, float(found.x[0]), float(sigma[0])
 
 
-def _narrowing(straight: Straight) -> float:
-    """Decrease of the bed's width [px] from top to foot: twice that of the side that slants less.
+def _narrowing(straight: Straight, radius: float) -> float:
+    """Decrease of the bed's width [px] from top to foot that is certain: twice that of the side that slants less.
 
     Beads missed in glare or at one wall make one side slant.  The walls of a bin or the flanks of a heap slant both.
     """
     from scipy.stats import theilslopes
 
-    left, right = sides(straight)
-    rows = np.linspace(0.0, 1.0, SAMPLED)
-    if len(left) < SAMPLED:
-        return 0.0
-    each = np.linspace(0, len(left) - 1, SAMPLED).astype(int)
-    inwards = float(theilslopes(left[each], rows)[0]), -float(theilslopes(right[each], rows)[0])
-    slant = min(inwards, key=abs) if inwards[0] * inwards[1] > 0 else 0.0
-    return 2 * slant / (CORE[1] - CORE[0])
+    slants = []
+    for sign, ends in zip((1, -1), sides(straight, radius), strict=True):
+        # the ends within a bead's width belong to one bead
+        each = np.linspace(0, len(ends) - 1, max(round(len(ends) / (2 * radius)), 3)).astype(int)
+        _, _, low, high = theilslopes(sign * ends[each], each / (len(ends) - 1))
+        slants.append(min((low, high), key=abs) if low * high > 0 else 0.0)
+    slant = min(slants, key=abs) if slants[0] * slants[1] > 0 else 0.0
+    return 2 * float(slant) / (CORE[1] - CORE[0])
 
 
 def _gauge(

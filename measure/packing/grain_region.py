@@ -87,17 +87,26 @@ def straightened(odds: FloatImage, region: Mask, lean: float, radius: float) -> 
     return Straight(_closed((turned > ENDS_AT).astype(np.uint8), 1.5 * radius) > 0, kept > 0, centre, lean)
 
 
-def sides(straight: Straight) -> tuple[Array, Array]:
+def sides(straight: Straight, radius: float) -> tuple[Array, Array]:
     """Places [px from the middle] at which the grains end to the left and to the right, by row of the core, (n,) each.
 
-    Whatever looks like grains beyond the first gap does not count.
+    Whatever looks like grains beyond the first gap does not count, nor does an upright strip at the end that looks like
+    grains above the bed, too: a ruler or the wall itself.  `radius` is that of a bead [px].
     """
     column = round(straight.centre[0])
-    top, foot = (round(float(end)) for end in np.quantile(np.nonzero(straight.region)[0], CORE))
+    rows = np.nonzero(straight.region)[0]
+    top, foot = (round(float(end)) for end in np.quantile(rows, CORE))
     here = straight.grains[top : foot + 1]
     here = here[here[:, column]]
-    left, right = column - _run(here[:, column::-1]) + 0.5, column + _run(here[:, column:]) - 0.5
-    return left - straight.centre[0], right - straight.centre[0]
+    # well above the surface, as far up as the core is high
+    surface = max(int(rows.min() - 2 * radius), 1)
+    goes_on = np.mean(straight.grains[max(surface - (foot - top), 0) : surface], axis=0) > 0.5
+    ends = []
+    for step in (-1, 1):
+        number = np.arange(len(goes_on[column::step]))
+        inwards = np.maximum.accumulate(np.where(goes_on[column::step], 0, number))
+        ends.append(column + step * (inwards[_run(here[:, column::step]).astype(int) - 1] + 0.5) - straight.centre[0])
+    return ends[0], ends[1]
 
 
 def lower_ends(straight: Straight, walls: tuple[float, float]) -> tuple[Array, Array]:

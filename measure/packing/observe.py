@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Image
-from rigtwin.lab.camera import STATED_SIGMA, Camera
+from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import (
     Check,
@@ -36,7 +36,8 @@ def observe(
     stated = Stated(camera.cylinder, camera.floor)
     bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=stated)
     if isinstance(bed, str):
-        raise NothingToMeasure(f"{photo}: no bed of beads: {bed}; state the walls with --cylinder x1,y1,x2,y2.")
+        advice = "" if camera.cylinder is not None else "; state the walls with --cylinder x1,y1,x2,y2"
+        raise NothingToMeasure(f"{photo}: no bed of beads: {bed}{advice}.")
     scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
     if bed.gauge is not None and source == "gauge" and camera.floor is None:
@@ -45,7 +46,7 @@ def observe(
     else:
         height = above * scale
         floor_uncertainty = bed.floor_sigma * scale
-        floor_from = "lowest grains" if stated == Stated() else "stated"
+        floor_from = "stated" if camera.stated else "lowest grains"
     steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
     # a camera above or below the surface sees its far or near side above the middle
@@ -60,12 +61,12 @@ def observe(
         "camera height": spread,
     }
     view = {
-        "scale_m_per_px": scale,
+        "scale_m_per_px": scale * bed.silhouette.zoom,
         "scale_from": source,
         "floor_from": floor_from,
         "camera_roll_deg": math.degrees(bed.roll),
-        "bead_radius_px": bed.bead_radius,
-    }
+        "bead_radius_px": bed.bead_radius / bed.silhouette.zoom,
+    } | camera.stated_view
     checks = picture_checks(bed, scale, source, cylinder, bead)
     if camera.roll is not None and bed.roll_seen is not None:
         checks.append(roll_check(camera.roll, *bed.roll_seen, "the upright edges in the picture show"))
@@ -100,12 +101,12 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
 def _scale(
     photo: Path, bed: Bed, camera: Camera, cylinder: float | None, bead: float | None
 ) -> tuple[float, float, str]:
-    """Scale [m/px] in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
+    """Scale [m/px] of the analysed picture in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
+        return camera.given_scale / bed.silhouette.zoom, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
     if wall is not None and camera.cylinder is not None:
-        return wall, math.hypot(WALL_UNCERTAINTY, math.sqrt(2) * STATED_SIGMA / bed.width), "stated cylinder"
+        return wall, math.hypot(WALL_UNCERTAINTY, math.sqrt(2) * bed.stated.sigma / bed.width), "stated cylinder"
     uncertainty = WALL_UNCERTAINTY
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
