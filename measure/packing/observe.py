@@ -46,7 +46,7 @@ def observe(
     else:
         height = above * scale
         floor_uncertainty = bed.floor_sigma * scale
-        floor_from = "stated" if camera.stated else "lowest grains"
+        floor_from = "stated" if camera.cylinder or camera.floor is not None else "lowest grains"
     steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
     # a camera above or below the surface sees its far or near side above the middle
