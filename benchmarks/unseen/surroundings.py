@@ -177,5 +177,3 @@ def ruler(scene: Scene, corner: list[float], length: float, upright: bool) -> No
     place = place @ mi.ScalarTransform4f().scale([length / 2, height / 2, 1])
     bsdf = {"type": "twosided", "inner": coat(scene.rng, marks, str(scene.rng.choice(["matt", "gloss"])))}
     scene.add("rectangle", to_world=place, bsdf=bsdf)
-
-
