@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 import textures
 from scipy.spatial import cKDTree
