@@ -90,6 +90,8 @@ def show_measurement(measurement: Measurement, as_json: bool, quiet: bool) -> No
         return
     console = _console()
     _show_quantities(console, f"{measurement.rig}: {measurement.source.name}", measurement.quantities)
+    if measurement.table:
+        console.print(f"[dim]table:[/dim] {escape(measurement.table['in_words'])}")
     _show_scale(console, measurement.camera)
     _show_rest(console, measurement.checks, measurement.warnings, measurement.files, measurement.quantities)
 
@@ -98,7 +100,7 @@ def _show_scale(console: Console, camera: Mapping[str, Any]) -> None:
     """What pixels and frames were taken for, and where that is from."""
     views = camera.get("views") or [camera]
     for source in dict.fromkeys(view.get("scale_from") for view in views):
-        sizes = [view["scale_m_per_px"] for view in views if view.get("scale_from") == source]
+        sizes = [view.get("scale_m_per_px") for view in views if view.get("scale_from") == source]
         known = ", ".join(f"{1e3 * size:.4g}" for size in sizes if size)
         if source and known:
             console.print(f"[dim]scale:[/dim] {known} mm/px, from {escape(str(source))}")

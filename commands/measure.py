@@ -8,12 +8,14 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from rigtwin.commands.options import PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity
+from rigtwin.commands.options import PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity, tracked
 from rigtwin.commands.run_command import Work, measured
 
 app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True, rich_markup_mode=None)
 
 Camera = Any  # a lab.camera.Camera, which `filmed` makes of the camera's options
+
+Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its options
 
 
 @app.command(
@@ -22,10 +24,12 @@ Camera = Any  # a lab.camera.Camera, which `filmed` makes of the camera's option
 )
 @measured("drop")
 @filmed()
+@tracked
 def measure_drop(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the drop.")],
+    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the drop, or a table of its track.")],
     *,
     camera: Camera,
+    table: Table,
     bead_diameter: BeadDiameter = None,
     bead_density: Annotated[
         float | None, quantity("--bead-density", "density", "568kg/m^3", "Density, to allow for the air.")
@@ -36,7 +40,7 @@ def measure_drop(
     solid = density(bead_density, bead_mass, bead_diameter)
     from rigtwin.measure.drop import measurement as drop
 
-    return partial(drop.measure, clip, camera, bead_diameter=bead_diameter, bead_density=solid)
+    return partial(drop.measure, clip, camera, bead_diameter=bead_diameter, bead_density=solid, table=table)
 
 
 @app.command(
@@ -45,10 +49,12 @@ def measure_drop(
 )
 @measured("pendulum")
 @filmed()
+@tracked
 def measure_pendulum(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum.")],
+    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum, or a table of its tracks.")],
     *,
     camera: Camera,
+    table: Table,
     variant: Annotated[
         Literal["double", "wall"], typer.Option(help="Two beads, or one bead against a wall.")
     ] = "double",
@@ -60,17 +66,28 @@ def measure_pendulum(
     from rigtwin.measure.pendulum import measurement as pendulum
 
     return partial(
-        pendulum.measure, clip, camera, variant=variant, length=length, bead_diameter=bead_diameter, bead_mass=bead_mass
+        pendulum.measure,
+        clip,
+        camera,
+        variant=variant,
+        length=length,
+        bead_diameter=bead_diameter,
+        bead_mass=bead_mass,
+        table=table,
     )
 
 
 @app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
 @filmed()
+@tracked
 def measure_tilt(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the tilting plate.")],
+    clip: Annotated[
+        Path, typer.Argument(metavar="CLIP", help="Video of the tilting plate, or a table of the body's track.")
+    ],
     *,
     camera: Camera,
+    table: Table,
     variant: Annotated[
         Literal["slide", "roll"], typer.Option(help="A body that slides (glued beads), or a bead that rolls.")
     ],
@@ -78,20 +95,37 @@ def measure_tilt(
     arm_length: Annotated[
         float | None, quantity("--arm-length", "length", "150mm", "Plate or arm, from hinge to tip.")
     ] = None,
+    angle: Annotated[
+        Path | None,
+        typer.Option("--angle", metavar="TABLE", help="Plate angle over time, beside a table of the body's track."),
+    ] = None,
 ) -> Work:
     """A plate is tilted until a body moves: its angle of friction."""
     from rigtwin.measure.tilt import measurement as tilt
 
-    return partial(tilt.measure, clip, camera, variant=variant, bead_diameter=bead_diameter, arm_length=arm_length)
+    return partial(
+        tilt.measure,
+        clip,
+        camera,
+        variant=variant,
+        bead_diameter=bead_diameter,
+        arm_length=arm_length,
+        table=table,
+        angle=angle,
+    )
 
 
 @app.command("packing", epilog="Example: rigtwin measure packing bed.jpg --cylinder-diameter 65mm --total-mass 212.7g")
 @measured("packing")
 @filmed(*PHOTO)
+@tracked
 def measure_packing(
-    photos: Annotated[list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one bed; several are its views.")],
+    photos: Annotated[
+        list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one bed, or tables of its profile.")
+    ],
     *,
     camera: Camera,
+    table: Table,
     cylinder_diameter: Annotated[
         float | None, quantity("--cylinder-diameter", "length", "65mm", "Inner diameter of the cylinder.")
     ] = None,
@@ -112,18 +146,21 @@ def measure_packing(
         total_mass=total_mass,
         bead_diameter=bead_diameter,
         bead_density=bead_density,
+        table=table,
     )
 
 
 @app.command("pile", epilog="Example: rigtwin measure pile front.jpg side.jpg --base-diameter 90mm --bead-diameter 6mm")
 @measured("pile")
 @filmed(*PHOTO)
+@tracked
 def measure_pile(
     photos: Annotated[
-        list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one pile; several are its views.")
+        list[Path], typer.Argument(metavar="PHOTO...", help="Photos of one pile, or tables of its profile.")
     ],
     *,
     camera: Camera,
+    table: Table,
     base_diameter: Annotated[
         float | None, quantity("--base-diameter", "length", "90mm", "Diameter of the base disc.")
     ] = None,
@@ -132,16 +169,18 @@ def measure_pile(
     """A heap on a base: its profile and angle of repose."""
     from rigtwin.measure.pile import measurement as pile
 
-    return partial(pile.measure, photos, camera, base_diameter=base_diameter, bead_diameter=bead_diameter)
+    return partial(pile.measure, photos, camera, base_diameter=base_diameter, bead_diameter=bead_diameter, table=table)
 
 
 @app.command("drum", epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
 @measured("drum")
 @filmed()
+@tracked
 def measure_drum(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the rotating drum, or one picture of it.")],
+    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the rotating drum, a picture, or a table.")],
     *,
     camera: Camera,
+    table: Table,
     drum_diameter: Annotated[
         float | None, quantity("--drum-diameter", "length", "140mm", "Inner diameter of the drum.")
     ] = None,
@@ -151,16 +190,26 @@ def measure_drum(
     """A bed in a rotating drum: its dynamic angle of repose."""
     from rigtwin.measure.drum import measurement as drum
 
-    return partial(drum.measure, clip, camera, drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
+    return partial(
+        drum.measure,
+        clip,
+        camera,
+        drum_diameter=drum_diameter,
+        speed=speed,
+        bead_diameter=bead_diameter,
+        table=table,
+    )
 
 
 @app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
 @measured("hopper")
 @filmed()
+@tracked
 def measure_hopper(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper.")],
+    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper, or a table over time.")],
     *,
     camera: Camera,
+    table: Table,
     bin_width: Annotated[
         float | None, quantity("--bin-width", "length", "104mm", "Inner width of the bin, for the scale.")
     ] = None,
@@ -171,5 +220,11 @@ def measure_hopper(
     from rigtwin.measure.hopper import measurement as hopper
 
     return partial(
-        hopper.measure, clip, camera, bead_diameter=bead_diameter, total_mass=total_mass, bin_width=bin_width
+        hopper.measure,
+        clip,
+        camera,
+        bead_diameter=bead_diameter,
+        total_mass=total_mass,
+        bin_width=bin_width,
+        table=table,
     )

@@ -157,6 +157,36 @@ CAMERA: dict[str, Any] = {
 }
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
 
+
+def _columns(text: str) -> Any:
+    from rigtwin.lab.tracked.columns import parse_columns
+
+    return parse_columns(text, name="--columns")
+
+
+TABLE: dict[str, tuple[Any, Any]] = {
+    "columns": (
+        Annotated[
+            Any,
+            option(
+                "--columns",
+                "t=NAME[ms],x=NAME,y=NAME",
+                "Columns of a table of tracked data, by name or number, where they are not recognised.",
+                _columns,
+            ),
+        ],
+        None,
+    ),
+    "join": (
+        Annotated[
+            list[str] | None,
+            typer.Option("--join", metavar="3,7", help="Parts of one broken track in a table; may be repeated."),
+        ],
+        None,
+    ),
+}
+"""What the person says of a table of tracked data that is given in place of a film."""
+
 SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
 
 PHOTO = ("scale", "known_length", "region", "ignore", "camera_roll", "plumb_line", "board")
@@ -237,6 +267,19 @@ def gathered(
         return own(**{keyword: gather(**said)})
 
     return lambda command: with_options(command, wanted, around, hidden=keyword)
+
+
+def tracked(command: Command) -> Command:
+    """Give a command the options of a table of tracked data; it gets them as one keyword, `table`."""
+    return gathered("table", TABLE, table_of)(command)
+
+
+def table_of(*, columns: Any = None, join: Any = None) -> Any:
+    """The `TableOptions` that the options describe."""
+    from rigtwin.lab.tracked.columns import parse_joined
+    from rigtwin.lab.tracked.table import TableOptions
+
+    return TableOptions(columns or {}, parse_joined([join] if isinstance(join, str) else join or (), name="--join"))
 
 
 def camera_of(

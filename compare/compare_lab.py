@@ -133,7 +133,7 @@ def compare(
         rolling=rolling,
         progress=progress,
     )
-    with _kept_told(out / UNFINISHED, experiments):
+    with _note_of_kept(out / UNFINISHED, experiments):
         with measuring(experiments, out, workers) as pending:
             for experiment in experiments:
                 if not entry_of(experiment).needs_measurement(experiment):
@@ -160,7 +160,7 @@ def compare(
 
 
 @contextmanager
-def _kept_told(folder: Path, experiments: Sequence[Experiment]) -> Iterator[None]:
+def _note_of_kept(folder: Path, experiments: Sequence[Experiment]) -> Iterator[None]:
     """Add to a KeyboardInterrupt between two twins a note on what is kept; a running twin adds its own note."""
     try:
         yield

@@ -57,7 +57,7 @@ MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 RUNS_DIFFER = {"pile": "heap", "packing": "bed", "hopper": "discharge"}
 
 # [%]: if two standard uncertainties of a deviation exceed this, a twin that is wrong by half would agree, too.
-TELLS_NOTHING = 50.0
+UNINFORMATIVE = 50.0
 
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 
@@ -489,7 +489,7 @@ def _verdict(
     if z is None:
         return "uncertainty unknown"
     if abs(z) < 2:
-        vague = percent is not None and 2 * percent[1] > TELLS_NOTHING
+        vague = percent is not None and 2 * percent[1] > UNINFORMATIVE
         return "too uncertain to tell" if vague else "agrees"
     if abs(z) < _coverage(freedom, 0.95):
         return "too few repetitions to tell"

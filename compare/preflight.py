@@ -9,6 +9,7 @@ from pathlib import Path
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, fault
+from rigtwin.lab.tracked.table import is_table
 
 OPTION = re.compile(r"--(region|known-length|start|end|frame-rate)\b")
 """Options of `measure` in its messages; a lab file has them as keys of ``[experiments.camera]``."""
@@ -66,7 +67,7 @@ def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
 
     camera, rate = experiment.camera, experiment.camera.frame_rate
     for view in views:
-        if view.suffix.lower() == ".csv":  # a tracked record has no pictures
+        if is_table(view):  # a tracked record has no pictures
             continue
         if entry_of(experiment).is_photo(view):
             read_photo(view, camera)

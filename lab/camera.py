@@ -69,7 +69,9 @@ class Lens:
     plane: tuple[tuple[float, ...], ...]  # homography, straight to taken without distortion, shape (3, 3)
     bend: tuple[float, float]  # radial distortion, of the square and fourth power of radius / half the diagonal
     scale: float  # [m/px] of the straight picture
-    doubt: float  # relative standard uncertainty of the scale, from the corners alone: not of where the board stood
+    uncertainty: (
+        float  # relative standard uncertainty of the scale, from the corners alone: not of where the board stood
+    )
     residual: float  # [px], rms of the board's corners
 
 
@@ -122,9 +124,9 @@ class Camera:
             return "board"
         return "given" if self.scale is not None else "known length"
 
-    def scale_doubt(self, by_hand: float) -> float:
+    def scale_uncertainty(self, by_hand: float) -> float:
         """Relative standard uncertainty of `given_scale`: the board's own, else `by_hand`, of a scale read off."""
-        return by_hand if self.lens is None else self.lens.doubt
+        return by_hand if self.lens is None else self.lens.uncertainty
 
 
 def known_length(text: str, *, name: str = "known_length") -> KnownLength:

@@ -260,6 +260,8 @@ class Measurement(Readable):
     tracks: tuple[Track, ...] = ()
     profiles: tuple[Profile, ...] = ()
     series: tuple[Series, ...] = ()
+    table: dict[str, Any] = field(default_factory=dict)
+    """How a table of tracked data was understood: kind, columns, units, direction of y; empty for a film or photo."""
     files: dict[str, Path] = field(default_factory=dict)
     """Files written: ``overlay`` (annotated video or picture), ``still`` (one picture), ``plot``, ``record``."""
 
@@ -269,6 +271,7 @@ class Measurement(Readable):
             "rig": self.rig,
             "source": {"file": str(self.source), "sha256": self.source_sha256},
             "camera": {name: _plain(value) for name, value in self.camera.items()},
+            **({"table": self.table} if self.table else {}),
             "quantities": [quantity.to_json() for quantity in self.quantities],
             "checks": [check.to_json() for check in self.checks],
             "warnings": list(self.warnings),

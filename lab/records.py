@@ -13,11 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
-
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.errors import BadInput
 
 
 @dataclass(frozen=True)
@@ -86,100 +82,8 @@ def write_series(path: Path, series: Series) -> None:
     _write(path, ("time_s", named), [(f"{time:.9g}", f"{value:.9g}") for time, value in pairs])
 
 
-def read_tracks(path: Path) -> tuple[Track, ...]:
-    """Read ``time_s,x_m,y_m`` with optional columns ``sigma_m`` and ``particle`` (or ``body``).
-
-    A row whose x or y is empty or ``nan`` is a moment in which the body was not seen, and is left out.
-    Without ``sigma_m`` the sigma of every point is NaN: the estimator then takes it from its own residuals.
-    Raises `BadInput` when a column is missing, a cell is not a number, or time does not rise.
-    """
-    table = _read(path, needed=("time_s", "x_m", "y_m"))
-    rows = len(table["time_s"])
-    bodies = table.get("particle", table.get("body", np.full(rows, "bead", dtype=object)))
-    time = _numbers(table, "time_s", path)
-    position = np.column_stack([_numbers(table, name, path, gaps=True) for name in ("x_m", "y_m")])
-    sigma = _numbers(table, "sigma_m", path, gaps=True) if "sigma_m" in table else np.full(rows, np.nan)
-    seen = np.isfinite(position).all(axis=1)
-    tracks = []
-    for body in dict.fromkeys(bodies.tolist()):
-        own = bodies == body
-        mine = own & seen
-        if not mine.any():
-            raise BadInput(f"{path}: particle {body!r} has no row with both x_m and y_m; leave it out.")
-        if np.any(np.diff(time[mine]) <= 0):
-            raise BadInput(
-                f"{path}: time_s does not rise from row to row for particle {body!r}; "
-                "sort the rows, or name each body in a column 'particle'."
-            )
-        gaps = int(np.sum(own & ~seen))
-        tracks.append(Track(time=time[mine], position=position[mine], sigma=sigma[mine], body=str(body), unseen=gaps))
-    return tuple(tracks)
-
-
-def read_profile(path: Path) -> Profile:
-    """Read ``x_m,height_m`` with an optional column ``sigma_m``; an empty height is a place not seen.
-
-    Raises `BadInput` when a column is missing or a cell is not a number.
-    """
-    table = _read(path, needed=("x_m", "height_m"))
-    x = _numbers(table, "x_m", path)
-    height = _numbers(table, "height_m", path, gaps=True)
-    sigma = _numbers(table, "sigma_m", path, gaps=True) if "sigma_m" in table else np.full(len(x), np.nan)
-    order = np.argsort(x)
-    return Profile(x=x[order], height=height[order], sigma=sigma[order])
-
-
 def _write(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     partial = path.with_name(path.name + ".part")
     with partial.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *rows])
     partial.replace(path)
-
-
-def _read(path: Path, needed: Sequence[str]) -> dict[str, npt.NDArray[np.object_]]:
-    rows = _rows(path, needed)
-    header = [name.strip() for name in rows[0][1]]
-    missing = [name for name in needed if name not in header]
-    if missing:
-        hint = "; separate the columns by commas and write decimal points" if ";" in header[0] else ""
-        raise BadInput(
-            f"{path}: the column {missing[0]} is missing (found: {', '.join(header)}); "
-            f"needed are {', '.join(needed)}{hint}."
-        )
-    if twice := next((name for name in header if header.count(name) > 1), ""):
-        raise BadInput(f"{path}: the column {twice} stands there twice; leave one of them out.")
-    for line, row in rows[1:]:
-        if len(row) != len(header):
-            raise BadInput(f"{path}, line {line}: {len(row)} cells where the header has {len(header)}.")
-    return {name: np.array([row[k].strip() for _, row in rows[1:]], dtype=object) for k, name in enumerate(header)}
-
-
-def _rows(path: Path, needed: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Every row that is not empty, with its line."""
-    columns = f"a table with the columns {', '.join(needed)}"
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            rows = [(reader.line_num, row) for row in reader if row]
-    except OSError as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or "unreadable").lower()
-        raise BadInput(f"{path}: {reason}; give {columns}.") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise BadInput(f"{path}: not a CSV text file; give {columns}.") from None
-    if len(rows) < 2:
-        raise BadInput(f"{path}: holds no rows; give {columns}.")
-    return rows
-
-
-def _numbers(table: dict[str, npt.NDArray[np.object_]], column: str, path: Path, *, gaps: bool = False) -> Array:
-    """A column as floats; with `gaps` an empty cell is NaN."""
-    cells = table[column]
-    numbers = np.empty(len(cells))
-    for row, cell in enumerate(cells):
-        try:
-            numbers[row] = np.nan if gaps and not cell else float(cell)
-        except ValueError:
-            raise BadInput(f"{path}: {column} holds {cell!r} in data row {row + 1}, which is not a number.") from None
-        if np.isinf(numbers[row]) or (np.isnan(numbers[row]) and not gaps):
-            raise BadInput(f"{path}: {column} holds {cell!r} in data row {row + 1}, which is not a finite number.")
-    return numbers

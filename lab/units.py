@@ -92,11 +92,11 @@ def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> flo
     import pint
 
     try:
-        registry = _registry()
-        written = registry.Unit(unit_text.replace("%", "percent").replace("°", "deg"))
-        value = registry.Quantity(float(number[0]), written).to(unit if unit != "1" else "dimensionless").magnitude
+        units = registry()
+        written = units.Unit(unit_text.replace("%", "percent").replace("°", "deg"))
+        value = units.Quantity(float(number[0]), written).to(unit if unit != "1" else "dimensionless").magnitude
         # pint counts radians as plain numbers: 3 Hz would pass as 3 rad/s, 5 deg as 0.087
-        if bool(_ANGULAR.search(str(written))) != bool(_ANGULAR.search(str(registry.Unit(unit)))):
+        if bool(_ANGULAR.search(str(written))) != bool(_ANGULAR.search(str(units.Unit(unit)))):
             wrong = f"has the wrong unit for {_a(dimension)}"
         else:
             return float(f"{float(value):.15g}")  # 6.2 mm is 0.0062 m, not 0.006200000000000001
@@ -121,10 +121,11 @@ def _a(dimension: str) -> str:
 
 
 @cache
-def _registry() -> pint.UnitRegistry[float]:
+def registry() -> pint.UnitRegistry[float]:
+    """Return pint's units, with ``px`` as the pixel of a picture; made once."""
     import pint
 
-    registry: pint.UnitRegistry[float] = pint.UnitRegistry(on_redefinition="ignore")
-    registry.define("px = pixel")  # pint's own px is the CSS pixel, 1/96 inch
-    registry.define("@alias hertz = hz")
-    return registry
+    units: pint.UnitRegistry[float] = pint.UnitRegistry(on_redefinition="ignore")
+    units.define("px = pixel")  # pint's own px is the CSS pixel, 1/96 inch
+    units.define("@alias hertz = hz")
+    return units

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import FloatImage, Image
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.quantity import Measurement
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -254,3 +255,11 @@ def _lettering(text: str, letter: int) -> tuple[FloatImage, FloatImage, int]:
 def _fixed(point: Point) -> tuple[int, int]:
     scaled = np.round(np.clip(point, -1e5, 1e5) * 2**_SUBPIXEL_BITS).astype(int)
     return int(scaled[0]), int(scaled[1])
+
+
+def write_record_plot(out: Path, stem: str, measurement: Measurement) -> Path:
+    """Plot the record of a measurement as ``STEM-plot.svg``; returns its path."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / f"{stem}-plot.svg"
+    save_plot(path, measurement.plot())
+    return path

@@ -138,7 +138,7 @@ COMMANDS = [[command] for command in ("demo", "init", "compare", "diagnose", "re
 
 
 @pytest.mark.parametrize("group", [[], ["measure"], ["simulate"]])
-def test_every_command_is_told_in_full_on_one_line_of_a_narrow_terminal(group, monkeypatch, capfd):
+def test_every_command_is_described_in_full_on_one_line_of_a_narrow_terminal(group, monkeypatch, capfd):
     monkeypatch.setenv("COLUMNS", "80")
     assert run([*group, "--help"]) == 0
     listed = capfd.readouterr().out.partition("Commands:")[2].splitlines()[1:]
@@ -555,10 +555,10 @@ def test_what_is_said_of_a_twin_s_record_does_not_speak_to_the_owner_of_a_film(a
 def test_a_hopper_that_jams_gives_only_doubtful_numbers(capfd):
     assert run(["simulate", "hopper", "--outlet", "18mm", "--count", "150", "--out", "jammed", "--json"]) == 0
     document = json.loads(capfd.readouterr().out)
-    doubts = {one["quantity"]: one.get("doubtful", "") for one in document["quantities"]}
-    assert doubts.pop("opening_time") == ""
-    assert {"discharge_time", "mass_flow_rate", "residue_fraction"} < set(doubts)
-    for why in doubts.values():
+    reasons = {one["quantity"]: one.get("doubtful", "") for one in document["quantities"]}
+    assert reasons.pop("opening_time") == ""
+    assert {"discharge_time", "mass_flow_rate", "residue_fraction"} < set(reasons)
+    for why in reasons.values():
         assert "of 150 beads had left" in why
         assert "arch over the outlet, which is 18 mm or 2.9 of their diameters wide" in why
     assert any("give a wider --outlet" in warning for warning in document["warnings"])
@@ -567,10 +567,10 @@ def test_a_hopper_that_jams_gives_only_doubtful_numbers(capfd):
 def test_a_hopper_that_keeps_beads_around_its_outlet_has_doubtful_times_and_a_sound_flow(capfd):
     flat = ["simulate", "hopper", "--outlet", "50mm", "--cone-height", "2mm", "--count", "400", "--out", "flat"]
     assert run([*flat, "--json"]) == 0
-    doubts = {q["quantity"]: q.get("doubtful", "") for q in json.loads(capfd.readouterr().out)["quantities"]}
+    reasons = {q["quantity"]: q.get("doubtful", "") for q in json.loads(capfd.readouterr().out)["quantities"]}
     for name in ("discharge_time", "discharge_time_5_95", "last_particle_time"):
-        assert doubts[name].endswith("of 400 beads had left the hopper when the run ended")
-    assert doubts["mass_flow_rate"] == doubts["residue_fraction"] == ""
+        assert reasons[name].endswith("of 400 beads had left the hopper when the run ended")
+    assert reasons["mass_flow_rate"] == reasons["residue_fraction"] == ""
 
 
 def test_the_angle_of_a_handful_of_beads_in_a_drum_is_doubtful(capfd):
@@ -686,7 +686,7 @@ def test_twins_of_two_rigs_do_not_come_to_one_folder(capfd):
     assert Path("both/quantities.json").read_text() == kept
 
 
-def test_what_is_wrong_is_told_once(capsys):
+def test_what_is_wrong_is_reported_once(capsys):
     sentence = "the centres are 18.78 mm apart at the collision, beads of 12.00 mm"
     pair = Quantity("restitution_pair", 0.9, 0.1, "1", "swing", doubtful=f"the camera shook; {sentence}")
     checks = (
@@ -696,13 +696,13 @@ def test_what_is_wrong_is_told_once(capsys):
     warnings = (f"{sentence}.", "gravity is off.", "the frame rate was read from the file.")
     camera = {"scale_m_per_px": 0.0008, "scale_from": "pendulum length"}
     show_measurement(Measurement("pendulum", Path("clip.mp4"), "", (pair,), checks, warnings, camera), False, False)
-    told = " ".join(capsys.readouterr().out.split())
-    assert all(told.count(each) == 1 for each in (sentence, "gravity is off", "warning: the frame rate was read"))
-    assert "failed contact distance: as stated above" in told
+    printed = " ".join(capsys.readouterr().out.split())
+    assert all(printed.count(each) == 1 for each in (sentence, "gravity is off", "warning: the frame rate was read"))
+    assert "failed contact distance: as stated above" in printed
 
 
 def test_a_results_folder_that_cannot_be_made_is_refused_before_any_work(tmp_path, monkeypatch, capfd):
-    """On a file system that takes no files, whoever asks; the rights that its folders state do not tell."""
+    """On a read-only file system, which refuses files whatever the permissions of its folders."""
 
     def read_only(dir):  # noqa: A002, as `tempfile` calls it
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(dir))

@@ -21,7 +21,7 @@ import numpy as np
 from rigtwin.benchmarks.diagnose.lab_camera import Camera, film, ordinary
 from rigtwin.benchmarks.diagnose.lab_effects import ALL, CONFOUNDED, LISTED, PAIRS, STRENGTHS, UNLISTED, Effect
 from rigtwin.benchmarks.diagnose.lab_motion import GRAVITY, World
-from rigtwin.benchmarks.diagnose.lab_rigs import DIAMETER_DOUBT, Bench, Change, Run, plate, set_up
+from rigtwin.benchmarks.diagnose.lab_rigs import DIAMETER_UNCERTAINTY, Bench, Change, Run, plate, set_up
 from rigtwin.benchmarks.figures import small
 
 REPETITIONS = small(10, 6)  # of the one condition of a narrowed lab
@@ -193,7 +193,7 @@ def _stated(name: str, bench: Bench, camera: Camera) -> dict[str, Any]:
         "particles": {
             bead.name: {
                 "diameter_m": bead.diameter,
-                "diameter_uncertainty_m": DIAMETER_DOUBT,
+                "diameter_uncertainty_m": DIAMETER_UNCERTAINTY,
                 "density_kg_m3": bead.density,
                 "mass_g": round(bead.mass * 1e3, 5),
                 "youngs_modulus_Pa": bead.youngs_modulus,

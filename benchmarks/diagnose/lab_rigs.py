@@ -42,8 +42,8 @@ ROLLING = {
     "expanded polystyrene": 0.02, "balsa": 0.05, "wood": 0.05, "ABS": 0.02, "glass": 0.008, "steel": 0.005
 }  # fmt: skip
 
-DIAMETER_DOUBT, HEIGHT_DOUBT, LENGTH_DOUBT = 2e-5, 5e-4, 5e-4  # [m]
-LEVEL_DOUBT, ANGLE_DOUBT = 0.1, 0.3  # [deg]
+DIAMETER_UNCERTAINTY, HEIGHT_UNCERTAINTY, LENGTH_UNCERTAINTY = 2e-5, 5e-4, 5e-4  # [m]
+LEVEL_UNCERTAINTY, ANGLE_UNCERTAINTY = 0.1, 0.3  # [deg]
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def set_up(
 ) -> Bench:
     """A rig with beads of the `wanted` names if there are any; `wall` for a pendulum that strikes one."""
     build = {"drop": _drop, "pendulum": _pendulum, "double": _double, "slide": _slide, "roll": _roll}[rig]
-    level = float(np.clip(rng.normal(0, 0.05), -LEVEL_DOUBT, LEVEL_DOUBT))
+    level = float(np.clip(rng.normal(0, 0.05), -LEVEL_UNCERTAINTY, LEVEL_UNCERTAINTY))
     world.level = math.radians(level)
     world.restitution_scatter = float(rng.uniform(0.006, 0.02))
     world.kick_scatter = float(rng.uniform(0.006, 0.015))
@@ -123,7 +123,9 @@ def plate(wall: str) -> Plate:
 
 def _real(bead: Bead, rng: np.random.Generator) -> Bead:
     """The bead as it is: its diameter a little off, its mass as weighed."""
-    diameter = bead.diameter + float(np.clip(rng.normal(0, DIAMETER_DOUBT / 2), -DIAMETER_DOUBT, DIAMETER_DOUBT))
+    diameter = bead.diameter + float(
+        np.clip(rng.normal(0, DIAMETER_UNCERTAINTY / 2), -DIAMETER_UNCERTAINTY, DIAMETER_UNCERTAINTY)
+    )
     return replace(bead, diameter=diameter, density=bead.density * (bead.diameter / diameter) ** 3)
 
 
@@ -137,9 +139,9 @@ def _meet(world: World, bead: Bead, partner: str, rng: np.random.Generator) -> N
         world.restitution[f"{bead.name}/{partner}"] = _draw_restitution(bead, rng)
 
 
-def _off(rng: np.random.Generator, doubt: float) -> float:
+def _off(rng: np.random.Generator, uncertainty: float) -> float:
     """An error inside what is stated."""
-    return float(np.clip(rng.normal(0, doubt / 2), -doubt, doubt))
+    return float(np.clip(rng.normal(0, uncertainty / 2), -uncertainty, uncertainty))
 
 
 def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Bench:
@@ -163,7 +165,7 @@ def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
                 # another piece of the same material: as lively, to what surfaces differ
                 alike = world.restitution[f"{other.name}/{wall}"] + float(rng.normal(0, BETWEEN_PLATES))
                 world.restitution[f"{other.name}/{struck}"] = min(alike, 0.95)
-            return condition(other, body, struck, there, _off(rng, HEIGHT_DOUBT))
+            return condition(other, body, struck, there, _off(rng, HEIGHT_UNCERTAINTY))
 
         stated = {
             "name": f"{bead.name}_{wall}_h{round(height * 1000):04d}", "bead": bead.name, "wall": wall,
@@ -177,11 +179,11 @@ def _drop(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
         for wall in walls:
             world.restitution[f"{bead.name}/{wall}"] = _draw_restitution(bead, rng)
             world.sliding[wall] = WALLS[wall][4]
-            runs += [condition(bead, real, wall, height, _off(rng, HEIGHT_DOUBT)) for height in heights]
+            runs += [condition(bead, real, wall, height, _off(rng, HEIGHT_UNCERTAINTY)) for height in heights]
     geometry = {
         "drop_height": "bottom of the bead to the plate",
-        "drop_height_uncertainty_m": HEIGHT_DOUBT,
-        "plate_level_uncertainty_deg": LEVEL_DOUBT,
+        "drop_height_uncertainty_m": HEIGHT_UNCERTAINTY,
+        "plate_level_uncertainty_deg": LEVEL_UNCERTAINTY,
         "release": "vacuum holder; release happens 0.01-0.05 s after the first frame; sideways speed at release below "
         "about 0.01 m/s",
         "sliding_friction_pw": {wall: WALLS[wall][4] for wall in walls},
@@ -198,7 +200,7 @@ def _pendulum(world: World, rng: np.random.Generator, wanted: Sequence[str], *, 
     struck = walls[0] if wall else None
     angles = (15, 30, 50) if wall else (12, 28, 50)
     lengths = (0.25, 0.40)
-    off = {length: _off(rng, LENGTH_DOUBT) + world.hidden.get("length_error", 0.0) for length in lengths}
+    off = {length: _off(rng, LENGTH_UNCERTAINTY) + world.hidden.get("length_error", 0.0) for length in lengths}
 
     def condition(bead: Bead, real: Bead, length: float, angle: float, tip: float, seconds: float) -> Run:
         def move(r: np.random.Generator) -> Path:
@@ -207,12 +209,12 @@ def _pendulum(world: World, rng: np.random.Generator, wanted: Sequence[str], *, 
 
         def again(other: Bead, change: Change) -> Run:
             thread = change.state.get("length", length)
-            off.setdefault(thread, _off(rng, LENGTH_DOUBT) + world.hidden.get("length_error", 0.0))
+            off.setdefault(thread, _off(rng, LENGTH_UNCERTAINTY) + world.hidden.get("length_error", 0.0))
             there = angle if change.release is None else round(math.degrees(change.release))
             if struck:
                 _meet(world, other, struck, rng)
             body = real if other == bead else _real(other, rng)
-            return condition(other, body, thread, there, _off(rng, ANGLE_DOUBT), change.longer * seconds)
+            return condition(other, body, thread, there, _off(rng, ANGLE_UNCERTAINTY), change.longer * seconds)
 
         stated: dict[str, Any] = {
             "name": f"{bead.name}_{struck + '_' if struck else ''}L{round(length * 1000)}_a{angle}_{seconds:.0f}s",
@@ -230,17 +232,17 @@ def _pendulum(world: World, rng: np.random.Generator, wanted: Sequence[str], *, 
             world.restitution[f"{bead.name}/{name}"] = _draw_restitution(bead, rng)
         for length in lengths:
             for angle in angles:
-                runs.append(condition(bead, real, length, angle, _off(rng, ANGLE_DOUBT), 3.0 if wall else 6.0))
+                runs.append(condition(bead, real, length, angle, _off(rng, ANGLE_UNCERTAINTY), 3.0 if wall else 6.0))
     geometry: dict[str, Any] = {
         "length": "pivot to bob centre, set on the bench before hanging the bob",
-        "length_uncertainty_m": LENGTH_DOUBT,
+        "length_uncertainty_m": LENGTH_UNCERTAINTY,
         "release": "from rest, 0.02-0.08 s after the first frame",
-        "release_angle_uncertainty_deg": ANGLE_DOUBT,
+        "release_angle_uncertainty_deg": ANGLE_UNCERTAINTY,
         "suspension": "thread of negligible mass, motion in one plane",
     }
     if wall:
         geometry["wall"] = "upright plate that the hanging bead just touches, on its left; released from the right"
-        geometry["plate_level_uncertainty_deg"] = LEVEL_DOUBT
+        geometry["plate_level_uncertainty_deg"] = LEVEL_UNCERTAINTY
     return Bench("pendulum", beads, walls, tuple(runs), "x right, y up, origin at the pivot", geometry, 120.0, 4e-4)
 
 
@@ -248,7 +250,7 @@ def _double(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Be
     beads = _pick(rng, wanted, 2)
     lengths, angles = (0.25, 0.40), (20, 40, 60)
     error = world.hidden.get("length_error", 0.0)
-    off = {length: (_off(rng, LENGTH_DOUBT) + error, _off(rng, LENGTH_DOUBT) + error) for length in lengths}
+    off = {length: (_off(rng, LENGTH_UNCERTAINTY) + error, _off(rng, LENGTH_UNCERTAINTY) + error) for length in lengths}
 
     def condition(bead: Bead, real: Bead, length: float, angle: float, tip: float) -> Run:
         def move(r: np.random.Generator) -> Path:
@@ -257,11 +259,11 @@ def _double(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Be
 
         def again(other: Bead, change: Change) -> Run:
             thread = change.state.get("length", length)
-            off.setdefault(thread, (_off(rng, LENGTH_DOUBT) + error, _off(rng, LENGTH_DOUBT) + error))
+            off.setdefault(thread, (_off(rng, LENGTH_UNCERTAINTY) + error, _off(rng, LENGTH_UNCERTAINTY) + error))
             there = angle if change.release is None else round(math.degrees(change.release))
             _meet(world, other, other.name, rng)
             body = real if other == bead else _real(other, rng)
-            return condition(other, body, thread, there, _off(rng, ANGLE_DOUBT))
+            return condition(other, body, thread, there, _off(rng, ANGLE_UNCERTAINTY))
 
         stated = {
             "name": f"{bead.name}_L{round(length * 1000)}_a{angle}", "bead": bead.name, "length_m": length,
@@ -274,13 +276,13 @@ def _double(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Be
         real = _real(bead, rng)
         world.restitution[f"{bead.name}/{bead.name}"] = _draw_restitution(bead, rng)
         for length in lengths:
-            runs += [condition(bead, real, length, angle, _off(rng, ANGLE_DOUBT)) for angle in angles]
+            runs += [condition(bead, real, length, angle, _off(rng, ANGLE_UNCERTAINTY)) for angle in angles]
     geometry = {
         "length": "pivot to bead centre, both threads alike, set on the bench before hanging the beads",
-        "length_uncertainty_m": LENGTH_DOUBT,
+        "length_uncertainty_m": LENGTH_UNCERTAINTY,
         "pivots": "one bead diameter apart; A hangs on the left and is released to the left, B waits on the right",
         "release": "from rest, 0.02-0.08 s after the first frame",
-        "release_angle_uncertainty_deg": ANGLE_DOUBT,
+        "release_angle_uncertainty_deg": ANGLE_UNCERTAINTY,
         "suspension": "threads of negligible mass, motion in one plane",
     }
     text = "x right, y up, origin midway between the two pivots"
@@ -322,14 +324,14 @@ def _slide(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Ben
     runs = []
     for bead in beads:
         real = _real(bead, rng)
-        # a weight on the clump tells a pull of the surface from friction
+        # a weight on the clump distinguishes a pull of the surface from friction
         for rate, ballast in ((0.5, 0.0), (2.0, 3.0)):
             runs += [condition(bead, real, rate, dwell, 4 * bead.mass * (1 + ballast)) for dwell in (2.0, 20.0, 200.0)]
     geometry = {
         "arm": "tilts at a steady rate from start_angle at the first frame and does not stop; it rises to the right",
         "start_distance": "clump centre to the hinge, along the arm",
         "tilt_rate_uncertainty_rel": 0.002,
-        "plate_level_uncertainty_deg": LEVEL_DOUBT,
+        "plate_level_uncertainty_deg": LEVEL_UNCERTAINTY,
         "waiting_time": "the clump lies on the level arm this long before the arm starts",
         "sliding_friction_pw": {wall: stated_friction},
         "friction_uncertainty": 0.04,
@@ -372,7 +374,7 @@ def _roll(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Benc
             runs.append(condition(bead, real, slope, push))
     geometry = {
         "incline_angle_uncertainty_deg": 0.05,
-        "plate_level_uncertainty_deg": LEVEL_DOUBT,
+        "plate_level_uncertainty_deg": LEVEL_UNCERTAINTY,
         "release": "inclined: from rest; level: pushed, the bead rolls at about push_speed (within 10 %) "
         "when it leaves the pusher; 0.01-0.05 s after the first frame",
         "sliding_friction_pw": {wall: WALLS[wall][4]},

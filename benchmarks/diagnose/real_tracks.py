@@ -1,4 +1,4 @@
-"""What the diagnosis says of real data: public tracks with an effect that is known, as docs/diagnosis.md tells.
+"""Diagnosis of real data: public tracks with a known effect, as docs/diagnosis.md describes.
 
     python benchmarks/diagnose/real_tracks.py FOLDER OUT
 
@@ -157,7 +157,7 @@ def main() -> int:
     options = arguments.parse_args()
     if SMOKE:
         _make_up(options.folder)
-    told = []
+    results = []
     for name, assume in {"balls": balls, "floor": floor, "table": table, "cube": cube}.items():
         lab, tracks = assume(options.folder)
         for file, rows in tracks.items():
@@ -166,8 +166,8 @@ def main() -> int:
         (options.out / name / "lab.json").write_text(json.dumps(lab, indent=1), encoding="utf-8")
         said = _said(options.out / name)
         sys.stdout.write(f"{lab['title']}: {said}\n")
-        told.append(Row(f"{lab['title']}: tracks", len(tracks), note=said.partition("\n")[0]))
-    return report("real-tracks", told)
+        results.append(Row(f"{lab['title']}: tracks", len(tracks), note=said.partition("\n")[0]))
+    return report("real-tracks", results)
 
 
 def _said(lab: Path) -> str:

@@ -62,7 +62,7 @@ class Answer:
 
     @property
     def candidates(self) -> tuple[str, ...]:
-        """The first name and all that it is not told apart from."""
+        """The first name and all that it is not distinguished from."""
         if not self.names:
             return tuple(dict.fromkeys(name for group in self.together for name in group))
         alike = [group for group in self.together if self.names[0] in group]
@@ -100,7 +100,7 @@ class Result:
 
     @property
     def split(self) -> bool:
-        """Whether that experiment left fewer names that cannot be told apart, the true one among them."""
+        """Whether that experiment left fewer names that cannot be distinguished, the true one among them."""
         after = self.after
         if after is None or after.verdict not in ("named", "indistinguishable"):
             return False
@@ -126,10 +126,10 @@ class Result:
     @property
     def right_terms(self) -> bool:
         """Whether the formula of an `unlisted` verdict has the terms of the hidden effect, no other, and its shape."""
-        told = frozenset(formula_terms(self.answer.form))
+        stated = frozenset(formula_terms(self.answer.form))
         weak = self.truth["strength"] == "weak"
         return self.answer.verdict == "unlisted" and any(
-            told in map(frozenset, (*effect.terms, *(effect.weak_terms if weak else ())))
+            stated in map(frozenset, (*effect.terms, *(effect.weak_terms if weak else ())))
             and shape_right(self.answer.form, effect.shape)
             for effect in map(ALL.__getitem__, self.true_effects)
         )
@@ -141,7 +141,7 @@ class Result:
 
     def closed(self, part: str) -> float | None:
         """Share of the excess gap that is closed on the ``held_out`` repetitions, or on the held-out ``condition``;
-        0 where nothing was told that could close it, None where there was next to no gap."""
+        0 where nothing was stated that could close it, None where there was next to no gap."""
         gap = self.answer.gap
         before, after = gap.get(f"{part}_before"), gap.get(f"{part}_after")
         floor = gap.get(f"{part}_noise_floor", gap.get("noise_floor", 1.0))
@@ -201,12 +201,12 @@ def shape_right(form: str, true: Mapping[str, float]) -> bool:
     >>> shape_right("force per mass c exp(-z / reach) with c = -1 ± 0.1 m/s^2, reach = 0.06 ± 0.005 m", {"reach": 0.04})
     False
     """
-    told = {name: (float(value), float(std)) for name, value, std in re.findall(r"(\w+) = (\S+) ± ([\w.+-]+)", form)}
+    stated = {name: (float(value), float(std)) for name, value, std in re.findall(r"(\w+) = (\S+) ± ([\w.+-]+)", form)}
     width = abs(true["high"] - true["low"]) if "high" in true else None
     return all(
-        abs(told[name][0] - size) <= max(OFF[name] * (width or size), 3 * told[name][1])
+        abs(stated[name][0] - size) <= max(OFF[name] * (width or size), 3 * stated[name][1])
         for name, size in true.items()
-        if name in told
+        if name in stated
     )
 
 
@@ -283,7 +283,7 @@ def figures(results: Sequence[Result]) -> list[Row]:
         _row("unlisted called unlisted", [r.answer.verdict == "unlisted" for r in unlisted], at_least=0.90),
         _row("unlisted taken for a listed effect", [r.answer.verdict == "named" for r in unlisted]),
         _row("pairs: both named", [_both(r) for r in pairs], at_least=0.85),
-        _row("pairs: both named, or one of those not told apart", [_both(r, sets=True) for r in pairs]),
+        _row("pairs: both named, or one of those not distinguished", [_both(r, sets=True) for r in pairs]),
         _row("pairs: one of them named", [any(map(r.right, r.answer.names)) for r in pairs], at_least=0.98),
         *(
             _row(
@@ -325,7 +325,7 @@ def _set_size(results: Sequence[Result]) -> Row:
 
 
 def _both(result: Result, *, sets: bool = False) -> bool:
-    """Whether each of two hidden effects is named, or with `sets` is among what a name is not told apart from."""
+    """Whether each of two hidden effects is named, or with `sets` is among what a name is not distinguished from."""
     answer = result.answer
     said = [*answer.names, *(name for group in answer.together for name in group if sets)]
     return all(any(result.right(name, effect) for name in said) for effect in result.true_effects)
@@ -393,7 +393,7 @@ def confusion(results: Sequence[Result]) -> dict[str, dict[str, int]]:
 def _one(job: Job) -> Result:
     """Draw one lab, or take the one that is there, and diagnose it, or take the answer that is there.
 
-    Where names cannot be told apart, the experiment that is proposed is drawn too, and the lab diagnosed again.
+    Where names cannot be distinguished, the experiment that is proposed is drawn too, and the lab diagnosed again.
     """
     name = f"s{job.seed}c{job.number:03d}"
     truth, answer = _asked(job, name, None)

@@ -100,7 +100,7 @@ def _run(
         'dump_modify look format "%d %20.15g"\n'
         f"run {steps}\n"
     )
-    told = liggghts.looks({"beads.data": "\n".join(data) + "\n", "exported.in": made.text, "in.run": deck})
-    frames = told.split(f"ITEM: ATOMS id {watched}")[1:]
+    output = liggghts.looks({"beads.data": "\n".join(data) + "\n", "exported.in": made.text, "in.run": deck})
+    frames = output.split(f"ITEM: ATOMS id {watched}")[1:]
     rows = (line.split() for frame in frames for line in frame.split("ITEM:")[0].splitlines())
     return np.array([float(row[1]) for row in rows if row and row[0] == "1"])

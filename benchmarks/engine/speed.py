@@ -206,7 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--clumps", type=int, default=small(500, 12), help="clumps of 24 spheres; 0: none")
     parser.add_argument("--drops", type=int, default=small(300, 12), help="drops in one launch; 0: none")
     parser.add_argument(
-        "--memory", type=int, default=small(1_000_000, 1000), help="beads whose memory is told; 0: none"
+        "--memory", type=int, default=small(1_000_000, 1000), help="beads whose memory is reported; 0: none"
     )
     parser.add_argument("--pile", action="store_true", default=SMOKE, help="also time the twin of a pile of 1000 beads")
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))

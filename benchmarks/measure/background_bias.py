@@ -37,7 +37,7 @@ SEED = int(os.environ.get("SEED", "1"))
 USUAL = ("clean", "2.5 degrees of roll", "variable frame rate", "highlight", "glare", "noise", "low contrast", "blur")
 SHARES = np.array([0.05, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0])
 SHARED = 0.2  # correlation of the noise of neighbouring frames
-WILD = 6.0  # times the usual error, beyond which something else was seen
+OUTLIER = 6.0  # outlier limit, in robust standard deviations of the error
 
 
 def likelihoods(name: str, seed: int, folder: Path) -> Array:
@@ -63,7 +63,7 @@ def likelihoods(name: str, seed: int, folder: Path) -> Array:
 def _likelihoods(error: Array, ways: Array, weight: Array, frame: Array) -> Array:
     """Of one coordinate [px] of one bead; the noise and a shift of all frames alike are left to the data."""
     off = error - np.median(error)
-    sound = np.abs(off) < WILD * 1.4826 * np.median(np.abs(off)) + 1e-6
+    sound = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off)) + 1e-6
     weight, frame = weight[sound], frame[sound]
     off, ways = off[sound] * weight, ways[sound] * weight[:, None]
     white = np.linalg.inv(np.linalg.cholesky(SHARED ** np.abs(np.rint(frame[:, None] - frame))))

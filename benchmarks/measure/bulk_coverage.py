@@ -44,7 +44,9 @@ def _tilted(rng: np.random.Generator, variant: Variant) -> tuple[Series, Track, 
     degrees = float(rng.uniform(8, 35) if variant == "slide" else rng.uniform(1.5, 8))
     rate, noise, fps = float(rng.uniform(0.8, 5)), float(10 ** rng.uniform(-5, -4)), float(rng.choice([30, 60, 120]))
     onset = 1.5 + float(rng.uniform(0, 1 / fps))
-    fine = np.arange(onset, 4.5, 2e-4)  # from the onset on: half a step late is more than the doubt of a good record
+    fine = np.arange(
+        onset, 4.5, 2e-4
+    )  # from the onset on: half a step late is more than the uncertainty of a good record
     angle = np.radians(degrees + rate * (fine - onset))
     friction = math.tan(math.radians(degrees)) * (float(rng.uniform(0.75, 0.95)) if variant == "slide" else 1.0)
     push = FACTOR[variant] * GRAVITY * (np.sin(angle) - friction * np.cos(angle))

@@ -2,12 +2,12 @@
 
 A bead crosses a film of noise, straight and evenly; rigtwin follows it as `rigtwin measure` does, with nothing given:
 it learns the scene, the bead's radius, edge and light, and the exposure from the film.  The other methods see the
-pixels around the true place in each frame, and those that need the radius are told it.
+pixels around the true place in each frame, and those that need the radius are given it.
 
 The bound is that of one frame in which all but the centre is known: radius, edge, blur, the light on the bead, the
 background; its noise is white, that of the camera and of rounding to whole grey levels together.  Radius, edge,
 contrast and blur would cost nothing more if unknown, for they change a bead alike on both sides; but light that is
-brighter on one side does: a bead of radius 5 px is told 1.4 times worse by a frame alone whose light is unknown.
+brighter on one side does: a bead of radius 5 px is located 1.4 times worse from a single frame whose light is unknown.
 `locate` sees single frames and knows no light, so it is held against that bound.  Of a film that a codec has
 compressed no bound is known: that of the film before is given.
 """
@@ -210,7 +210,7 @@ def follow(path: Path) -> dict[int, Sighting]:
 
 
 def centres(count: int, seed: int) -> list[Row]:
-    """Root mean square error of the centre, in multiples of the bound, and whether the stated sigma tells it."""
+    """Root mean square error of the centre, in multiples of the bound, and whether the stated sigma matches it."""
     rows, count = [], small(count, 16)  # of fewer frames no bead is followed
     others = {name: method for name, method in OTHERS.items() if name != "trackpy" or TRACKPY}
     for radius, blur, snr, shading, crf in DISCS:
@@ -260,6 +260,6 @@ def centres(count: int, seed: int) -> list[Row]:
             rows.append(
                 skipped(f"{case}: trackpy, rms / bound", "trackpy is not installed; it is in the group `bench`")
             )
-        told = float(np.sqrt(np.mean((off / sigma) ** 2))) if len(off) else math.inf
-        rows.append(against(f"{case}: rms of error / sigma", told, 1, relative=0.15))
+        pull = float(np.sqrt(np.mean((off / sigma) ** 2))) if len(off) else math.inf
+        rows.append(against(f"{case}: rms of error / sigma", pull, 1, relative=0.15))
     return rows

@@ -1,8 +1,8 @@
-"""Photos and films of heaps, beds, drums and hoppers of known truth with one hardness each: is a wrong number told?
+"""Photos and films of piles, beds, drums and hoppers of known truth, one difficulty each: are wrong numbers flagged?
 
     python benchmarks/measure/hard_bulk.py [--rig pile|packing|drum|hopper] [--only HARDNESS ...] [--count N]
 
-Every picture is drawn from `SEED`; what is wanted of it is told in `hard_footage.py`, which does drops and pendulums.
+Every picture is drawn from `SEED`; the criteria are stated in `hard_footage.py`, which does drops and pendulums.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Clips of known truth with one hardness each: what is measured of them, and whether a wrong number is told.
+"""Clips of known truth with one difficulty each: what is measured of them, and whether a wrong number is flagged.
 
     python benchmarks/measure/hard_footage.py [--rig drop|pendulum|slide|roll] [--only HARDNESS ...] [--count N]
 
@@ -36,7 +36,7 @@ Array = npt.NDArray[np.float64]
 Truth = dict[tuple[str, str, object], float]  # by quantity, method, and bounce or body
 
 SEED = int(os.environ.get("SEED", "1"))
-OFF = 2.0  # standard uncertainties: more than that is told, or silent
+OFF = 2.0  # standard uncertainties: a larger error is flagged, or silent
 FAR = 3.0  # of these none may be silent; two are passed by chance in one of twenty numbers
 
 CLEAN = Footage()
@@ -72,7 +72,7 @@ def _rolled(view: View) -> View:
 
 
 def _near_and_askew(view: View) -> View:
-    """From 0.35 m, aimed 3 degrees too low and 2 degrees aside."""
+    """From 0.35 m, aimed 3 degrees too low and 2 degrees sideways."""
     return replace(view, away=0.35, pitch=math.radians(3), yaw=math.radians(2))
 
 
@@ -312,19 +312,21 @@ class Reading:
 
     name: str
     value: float
-    doubt: float
+    uncertainty: float
     truth: float
     flagged: bool
 
     @property
     def off(self) -> float:
         """[standard uncertainties], infinite where there is no number or no uncertainty"""
-        off = (self.value - self.truth) / self.doubt if self.doubt > 0 else math.inf
+        off = (self.value - self.truth) / self.uncertainty if self.uncertainty > 0 else math.inf
         return math.inf if math.isnan(off) else off
 
     def __str__(self) -> str:
         word = "flagged" if self.flagged else "SILENT" if abs(self.off) > OFF else "inside"
-        return f"{self.name:32s} {self.truth:9.5g} {self.value:10.5g} ± {self.doubt:<9.2g} {self.off:+7.2f}  {word}"
+        return (
+            f"{self.name:32s} {self.truth:9.5g} {self.value:10.5g} ± {self.uncertainty:<9.2g} {self.off:+7.2f}  {word}"
+        )
 
 
 Read = Callable[[str, str, int, Path], tuple[list[Reading], str]]
@@ -353,8 +355,8 @@ def compared(
     for quantity in measured.quantities:
         key = key_of(quantity)
         if key in truth:
-            told = " ".join(str(part) for part in key if part is not None)
-            found.append(Reading(told, quantity.value, quantity.std_uncertainty, truth[key], bool(quantity.doubtful)))
+            label = " ".join(str(part) for part in key if part is not None)
+            found.append(Reading(label, quantity.value, quantity.std_uncertainty, truth[key], bool(quantity.doubtful)))
     return found, f"failed checks: {', '.join(failed)}" if failed else ""
 
 
@@ -382,7 +384,7 @@ def taken_up(cases: Mapping[str, Iterable[str]], only: Sequence[str]) -> dict[st
 
 
 def table(rig: str, names: Sequence[str], count: int, read: Read) -> list[Row]:
-    """A row of each hardness, told on stderr number by number."""
+    """A row of each hardness, reported on stderr number by number."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name in names:
@@ -391,12 +393,12 @@ def table(rig: str, names: Sequence[str], count: int, read: Read) -> list[Row]:
                 found, note = read(rig, name, seed, Path(folder))
                 refused += not found
                 seen += found
-                sys.stderr.writelines(_told(rig, name, found, note))
+                sys.stderr.writelines(_report(rig, name, found, note))
             rows.append(_row(rig, name, seen, refused))
     return rows
 
 
-def _told(rig: str, name: str, found: Sequence[Reading], note: str) -> Iterator[str]:
+def _report(rig: str, name: str, found: Sequence[Reading], note: str) -> Iterator[str]:
     yield f"{rig}, {name}: {note if found else 'refused: ' + note}\n"
     for reading in found:
         yield f"    {reading}\n"

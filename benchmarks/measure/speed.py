@@ -69,11 +69,11 @@ def speed(_: int) -> list[Row]:
         reading = _in_process(READ, str(clip))["cpu_s"]
         bare, drawn = (_in_process(MEASURE, "drop", str(clip), *more) for more in ([], [name]))
         heap, heap_drawn = (_in_process(MEASURE, "pile", str(photo), *more) for more in ([], [name]))
-    told = f"{bare['cpu_s']:.1f} s, reading {reading:.1f} s; restitution {bare['first']:.4f} ({RESTITUTION})"
+    note = f"{bare['cpu_s']:.1f} s, reading {reading:.1f} s; restitution {bare['first']:.4f} ({RESTITUTION})"
     photo_size = f"{PHOTO[0] * PHOTO[1] / 1e6:g}"
     title = f"{SECONDS} s clip, {WIDTH} x {HEIGHT} px, {RATE} Hz"
     return [
-        below(f"{title}: CPU time over that of cv2 reading it", bare["cpu_s"] / reading, 1.25, note=told),
+        below(f"{title}: CPU time over that of cv2 reading it", bare["cpu_s"] / reading, 1.25, note=note),
         Row(f"{title}: likewise with overlay and plot", drawn["cpu_s"] / reading, note=f"{drawn['cpu_s']:.1f} s"),
         below(f"{title}: peak memory", drawn["peak_mb"], 400, unit="MB"),
         below(

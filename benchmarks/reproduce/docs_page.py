@@ -85,7 +85,7 @@ class Page(Reproduction):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Each kind once, in its worst words; in how many runs is not told, for those of before are not here."""
+        """Each kind of warning once, in its most severe wording; not counted, as those of earlier runs are missing."""
         return tuple(once([*map(warned, self.done.results.values()), self.said_before]))
 
 

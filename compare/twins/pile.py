@@ -13,6 +13,7 @@ from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import Pile, PileSettings
+from rigtwin.lab.tracked.table import is_table
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
@@ -122,7 +123,7 @@ class PileEntry(ManyBodyEntry[PileSettings]):
         if self.rig(experiment).variant != "emptying":
             return
         for view in views:
-            if view.suffix.lower() != ".csv":
+            if not is_table(view):
                 raise BadInput(
                     f"{view}: a photo from outside does not show the crater of an emptied container; give a CSV file "
                     "of its surface in a section through the axis as x_m,height_m, with both halves set back to back: "

@@ -16,7 +16,7 @@ from rigtwin.lab.arrays import Array, Image, Mask
 
 # distance of neighbours in bead diameters as seen in the outermost layers of a settled bed, where not all beads touch
 # or lie at the same depth; and its relative standard uncertainty
-NEIGHBOURS, NEIGHBOURS_DOUBT = 1.08, 0.05
+NEIGHBOURS, NEIGHBOURS_UNCERTAINTY = 1.08, 0.05
 PARTS = 2  # shifts per pixel
 FINE = 8.0  # [px], sigma of the first high-pass filter
 CLEAR = 0.03  # minimum correlation at the first ring

@@ -92,7 +92,7 @@ class Silhouette:
     bead_seen: float = float("nan")  # bead radius from the picture alone, independent of stated sizes
 
     @property
-    def base_line_doubt(self) -> tuple[float, float]:
+    def base_line_uncertainty(self) -> tuple[float, float]:
         """Standard uncertainties of the base line's height [px] and of its angle [rad]."""
         height = self.disc.sigma if self.disc is not None else 0.5 * self.bead_radius
         return height, height / max(self.view.radius, 0.5 * float(np.ptp(self.x)))

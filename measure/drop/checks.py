@@ -37,12 +37,12 @@ RISEN = 0.03  # share of the fall below its top from which a rising bead is dist
 MIRRORED = 0.15  # relative distance from the mirrored fall up to which the motion before the apex is a rise
 
 
-def gravity_check(bounces: Bounces, scale_doubt: float, rate: float, repeated_share: float) -> Check:
+def gravity_check(bounces: Bounces, scale_uncertainty: float, rate: float, repeated_share: float) -> Check:
     gravity, parts = bounces.read(lambda at: at.size * GRAVITY)
-    fit_doubt = root_sum_of_squares(parts)
-    uncertainty = math.hypot(fit_doubt, gravity * scale_doubt)
+    fit_uncertainty = root_sum_of_squares(parts)
+    uncertainty = math.hypot(fit_uncertainty, gravity * scale_uncertainty)
     passed = abs(math.log(gravity / GRAVITY)) < max(
-        0.015, math.hypot(3 * fit_doubt / gravity, SCALES_APART * scale_doubt)
+        0.015, math.hypot(3 * fit_uncertainty / gravity, SCALES_APART * scale_uncertainty)
     )
     found = f"free flight gives g = {gravity:.3f} ± {uncertainty:.3f} m/s²"
     if passed:
@@ -262,5 +262,5 @@ def view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[i
         )
     return (
         bead_in_view(share, int(np.sum(flights)), "its flights"),
-        static_camera(seen.poses, MOST_SHAKE, vouched="the bead's flights show no shake", doubt=shaken),
+        static_camera(seen.poses, MOST_SHAKE, vouched="the bead's flights show no shake", reason=shaken),
     )

@@ -107,7 +107,7 @@ def evaluate(
     if side is not None:  # a rotating body touches the plate at different heights, which looks like lost frames
         track, losses, fitted = whole, (), None
     bounces = bounces_of(track, drag, str(track.body), fitted=fitted, in_metres=True)
-    return evaluate_bounces(track, bounces, side=side, scale_doubt=0.0, rate=rate, repeats=repeats, losses=losses)
+    return evaluate_bounces(track, bounces, side=side, scale_uncertainty=0.0, rate=rate, repeats=repeats, losses=losses)
 
 
 def readable(track: Track, drag: AirDrag) -> tuple[Track, int, tuple[Loss, ...], Bounces | None]:
@@ -189,7 +189,7 @@ def evaluate_bounces(
     bounces: Bounces,
     *,
     side: Track | None = None,
-    scale_doubt: float,
+    scale_uncertainty: float,
     rate: float,
     repeats: int,
     losses: tuple[Loss, ...],
@@ -197,11 +197,11 @@ def evaluate_bounces(
     """Quantities and checks of fitted bounces.
 
     `repeats` is the number of repeated frames that were left out; certain `losses` are corrected in the times already.
-    `rate` [1/s] is the frame rate, `scale_doubt` the relative standard uncertainty of the scale.
+    `rate` [1/s] is the frame rate, `scale_uncertainty` the relative standard uncertainty of the scale.
     """
     share = repeats / max(repeats + len(track.time), 1)
     checks = (
-        gravity_check(bounces, scale_doubt, rate, share),
+        gravity_check(bounces, scale_uncertainty, rate, share),
         residual_check(bounces),
         plane_check(track, bounces, side),
         fall_check(track, bounces),
@@ -216,7 +216,7 @@ def evaluate_bounces(
     wrong_from = math.inf if turns else _wrong_from(bounces)
     quantities = [
         *_restitutions(bounces, failed, along, wrong_from),
-        *_heights(bounces, scale_doubt, failed, wrong_from),
+        *_heights(bounces, scale_uncertainty, failed, wrong_from),
     ]
     return Evaluation(tuple(quantities), checks)
 
@@ -332,13 +332,13 @@ def _apex_height(bounce: int) -> Callable[[Reader], float]:
     return lambda at: float(at.heights[bounce]) * at.size
 
 
-def _heights(bounces: Bounces, scale_doubt: float, failed: dict[str, str], wrong_from: float) -> list[Quantity]:
+def _heights(bounces: Bounces, scale_uncertainty: float, failed: dict[str, str], wrong_from: float) -> list[Quantity]:
     reason = "; ".join(failed[name] for name in HEIGHTS_REST_ON if name in failed)
     found = []
     for k in range(bounces.count + 1):
         value, parts = bounces.read(_apex_height(k))
-        if scale_doubt > 0:
-            parts["scale"] = abs(value) * float(scale_doubt)
+        if scale_uncertainty > 0:
+            parts["scale"] = abs(value) * float(scale_uncertainty)
         name = "rebound_height" if k else "drop_height"
         detail: dict[str, Detail] = {"bounce": k} if k else {}
         height = _quantity(name, (value, parts), "m", "height", detail, reason)

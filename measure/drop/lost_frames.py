@@ -18,7 +18,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.measure.drop.bounce_fit import Bounces, Heights, find_contacts, third_difference_noise
-from rigtwin.measure.media.frame_loss import MOST, WILD, Loss, in_time
+from rigtwin.measure.media.frame_loss import MOST, OUTLIER, Loss, in_time
 
 Fit = Callable[[Heights], Bounces | None]
 
@@ -135,7 +135,7 @@ def _mended(record: Heights, loss: Loss) -> Heights:
 
 def _off(record: Heights, bounces: Bounces, noise: float) -> float:
     off = (record.height - bounces.curve(record.time)) / noise
-    return float(np.nansum(np.minimum(off**2, WILD**2)))
+    return float(np.nansum(np.minimum(off**2, OUTLIER**2)))
 
 
 def _as_noise(bounces: Bounces, noise: float) -> bool:
@@ -152,7 +152,7 @@ def _left(bounces: Bounces | None, noise: float) -> float:
         return math.inf
     off = (bounces.residual / noise) ** 2
     falls = int(np.argmax(np.isfinite(off)))
-    return float(np.sum(np.fmin(off[falls:], WILD**2)))
+    return float(np.sum(np.fmin(off[falls:], OUTLIER**2)))
 
 
 def _misfit(bounces: Bounces) -> float:

@@ -9,9 +9,11 @@ from pathlib import Path
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, failed
-from rigtwin.lab.records import read_tracks
+from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.tracked.read import read_bodies
+from rigtwin.lab.tracked.table import TableOptions, is_table
+from rigtwin.lab.tracked.upright import by_fall
 from rigtwin.measure.drop.checks import (
     size_check,
     view_checks,
@@ -19,7 +21,7 @@ from rigtwin.measure.drop.checks import (
 from rigtwin.measure.drop.evaluate import bounces_of, evaluate_bounces, rate_of, readable
 from rigtwin.measure.drop.fall_in_air import AirDrag
 from rigtwin.measure.drop.find_bead import find_bead
-from rigtwin.measure.drop.scale import Gauge, find_gauge, radius_doubt, to_metres
+from rigtwin.measure.drop.scale import SCALE_UNCERTAINTY, Gauge, find_gauge, radius_uncertainty, to_metres
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import open_video
@@ -60,21 +62,25 @@ def measure(
     *,
     bead_diameter: float | None = None,
     bead_density: float | None = None,
+    table: TableOptions | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
-    """Measure a clip of a bouncing bead, or evaluate a recorded track (``.csv``).
+    """Measure a clip of a bouncing bead, or evaluate a table of its track.
 
     Parameters
     ----------
     clip : Path
-        Video or stack of images; or a track as ``.csv``, for which the camera is not used.
+        Video or stack of images; or a table with the bead's track (`rigtwin.lab.tracked`), for which only frame rate
+        and scale of the camera are used.
     camera : Camera
         Frame rate, scale, roll and search region, as far as known.
     bead_diameter : float, optional
         Diameter of the bead [m].  Gives a scale if `camera` has none, and the air drag.
     bead_density : float, optional
         Density of the bead [kg/m^3].  With the diameter it fixes the air drag; otherwise the drag is fitted.
+    table : TableOptions, optional
+        Columns and joined tracks of a table.
     out : Path, optional
         Folder for the annotated video, pictures, plot and track; None writes no files.
     progress : Progress, optional
@@ -103,8 +109,8 @@ def measure(
     Hlosta et al. (2020), eq. 5.
     """
     drag = AirDrag(bead_diameter, bead_density)
-    if clip.suffix.lower() == ".csv":
-        return _measure_record(clip, drag, out)
+    if is_table(clip):
+        return _measure_table(clip, camera, table, drag, out)
     video = at_its_pace(open_video(clip, camera), progress)
     found = find_bead(video, camera, drag, bead_diameter, progress)
     video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
@@ -117,7 +123,7 @@ def measure(
     evaluation = evaluate_bounces(
         track,
         bounces,
-        scale_doubt=gauge.doubt,
+        scale_uncertainty=gauge.uncertainty,
         rate=video.frame_rate,
         repeats=len(repeats - video.skipped),
         losses=found.losses,
@@ -126,7 +132,7 @@ def measure(
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall, "the bead's fall shows"))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
-        checks = (*checks, size_check(2 * seen.radius * gauge.scale, radius_doubt(seen), bead_diameter))
+        checks = (*checks, size_check(2 * seen.radius * gauge.scale, radius_uncertainty(seen), bead_diameter))
     unconfirmed = (f"{RATE_UNCONFIRMED}; {gauge.cross_check}.",) if gauge.source == "gravity" else ()
     unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(
@@ -143,12 +149,12 @@ def measure(
             "frame_rate_hz": video.frame_rate,
             "playback_rate_hz": video.playback_rate,
             "scale_m_per_px": gauge.scale,
-            "scale_std_rel": gauge.doubt,
+            "scale_std_rel": gauge.uncertainty,
             "scale_from": gauge.source,
             "camera_roll_deg": math.degrees(gauge.roll),
-            "camera_roll_std_deg": math.degrees(gauge.roll_doubt),
-            "exposure_fraction": seen.shutter.share if seen.shutter.told else None,
-            "exposure_fraction_std": seen.shutter.doubt if seen.shutter.told else None,
+            "camera_roll_std_deg": math.degrees(gauge.roll_uncertainty),
+            "exposure_fraction": seen.shutter.share if seen.shutter.measured else None,
+            "exposure_fraction_std": seen.shutter.uncertainty if seen.shutter.measured else None,
             "bead_radius_px": seen.radius,
         },
         tracks=(track,),
@@ -161,28 +167,57 @@ def measure(
     return replace(measurement, files=files)
 
 
-def _measure_record(path: Path, drag: AirDrag, out: Path | None) -> Measurement:
-    tracks = read_tracks(path)
-    longest = max(tracks, key=lambda each: len(each.time))
-    track, repeats, losses, fitted = readable(longest, drag)
-    bounces = bounces_of(track, drag, str(path), fitted=fitted, in_metres=True)
-    evaluation = evaluate_bounces(
-        track, bounces, scale_doubt=0.0, rate=rate_of(longest), repeats=repeats, losses=losses
+def _measure_table(
+    path: Path, camera: Camera, options: TableOptions | None, drag: AirDrag, out: Path | None
+) -> Measurement:
+    read = read_bodies(
+        path,
+        options,
+        scale=camera.given_scale,
+        frame_rate=camera.frame_rate,
+        direction=by_fall,
+        only_height=True,
     )
-    warnings = evaluation.warnings
-    if len(tracks) > 1:
-        warnings = (*warnings, f"{path.name} holds {len(tracks)} bodies; evaluated {track.body!r}, the longest.")
+    longest = max(read.tracks, key=lambda each: len(each.time))
+    in_metres = read.unit == "m"
+    track, repeats, losses, fitted = readable(longest, drag if in_metres else AirDrag())
+    bounces = bounces_of(track, drag if in_metres else AirDrag(), str(path), fitted=fitted, in_metres=in_metres)
+    view: dict[str, object] = {}
+    uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if camera.given_scale is not None and in_metres else 0.0
+    warnings: tuple[str, ...] = ()
+    if not in_metres:
+        size, parts = bounces.read(lambda at: at.size)
+        uncertainty = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
+        track = replace(track, position=track.position / size, sigma=track.sigma / size)
+        bounces = bounces_of(track, drag, str(path), in_metres=True)
+        per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
+        view = {per: 1 / size, "scale_std_rel": uncertainty, "scale_from": "gravity"}
+        warnings = (
+            f"lengths are in {read.unit or 'a unit that is not stated'}, so the scale was taken from gravity and "
+            "depends on the square of the frame rate; give --scale, or the unit with --columns.",
+        )
+    elif camera.given_scale is not None:
+        view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
+    evaluation = evaluate_bounces(
+        track, bounces, scale_uncertainty=uncertainty, rate=rate_of(longest), repeats=repeats, losses=losses
+    )
+    warnings = (*warnings, *evaluation.warnings, *read.understood.proposals)
+    if len(read.tracks) > 1:
+        warnings = (*warnings, f"{path.name} holds {len(read.tracks)} bodies; evaluated {track.body!r}, the longest.")
     if drag.density is not None and drag.diameter is None:
         unused = "bead density not used: the air drag needs the diameter too and was fitted. Give --bead-diameter."
         warnings = (*warnings, unused)
+    checks = evaluation.checks if in_metres else tuple(each for each in evaluation.checks if each.check != "gravity")
     measurement = Measurement(
         rig="drop",
         source=path,
         source_sha256=sha256(path),
         quantities=evaluation.quantities,
-        checks=evaluation.checks,
+        checks=checks,
         warnings=warnings,
+        camera=view,
         tracks=(track,),
+        table=read.understood.to_json(),
     )
     if out is None:
         return measurement

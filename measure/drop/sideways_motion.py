@@ -16,7 +16,7 @@ class SidewaysMotion:
     """Fitted horizontal motion: one line per flight, and one common acceleration due to camera roll."""
 
     bend: float  # horizontal acceleration, in units of length per second squared
-    bend_doubt: float  # its standard uncertainty, from the residuals
+    bend_uncertainty: float  # its standard uncertainty, from the residuals
     off: Array  # residuals, shape (n,)
     kept: Mask  # points that are no outliers, shape (n,)
 

@@ -104,7 +104,7 @@ class Bed:
     shows_motion: bool
     glare: float  # [1], share of the surface under a reflection; NaN: not judged
     shape: tuple[int, ...]  # [px], height and width of the analysed picture
-    aside: float  # [rad], direction of the bed's middle from the drum's axis: 0 below it, positive to the right
+    bed_direction: float  # [rad], direction of the bed's middle from the drum's axis: 0 below it, positive to the right
     turning: int = 0  # direction of the beads at the wall: +1 clockwise, -1 anticlockwise, 0 unknown
 
 
@@ -168,7 +168,7 @@ def follow_bed(
     heights = np.array([outline.height for outline in outlines])
     colours = [still.colour for still in samples]
     glare = brightened_share(colours, outlines[0].x, heights, rim.centre, rim.radius, turned.roll, bead)
-    aside = _aside(looks.before > 0, rim, turned.roll)
+    direction = _bed_direction(looks.before > 0, rim, turned.roll)
     return Bed(
         tuple(outlines),
         rim,
@@ -181,7 +181,7 @@ def follow_bed(
         True,
         glare,
         picture.shape,
-        aside,
+        direction,
         turning_of(rings),
     )
 
@@ -205,8 +205,8 @@ def bed_in_photo(
         return None
     looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
     outline = _outline(still, looks, rim, turned.roll)
-    aside = _aside(bed, rim, turned.roll)
-    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, grey.shape, aside)
+    direction = _bed_direction(bed, rim, turned.roll)
+    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, grey.shape, direction)
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
@@ -291,7 +291,7 @@ def _upright(picture: FloatImage, rim: Rim, roll: float | None) -> Upright:
     )
 
 
-def _aside(bed: npt.NDArray[np.bool_], rim: Rim, roll: float) -> float:
+def _bed_direction(bed: npt.NDArray[np.bool_], rim: Rim, roll: float) -> float:
     """Direction of the bed's middle from the drum's axis [rad], in the upright picture."""
     rows, columns = np.nonzero(bed & rim.inside(bed.shape, 1.0))
     if len(rows) == 0:
@@ -395,11 +395,11 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
 
     odds = upright_map(_evidence(still, looks))
     # the threshold is uncertain near the mean border; far from it the presence of the bed is certain
-    open_to_doubt = np.where(np.abs(upright_map(looks.before)) < 2.9, np.float32(SHIFT), np.float32(0))
+    uncertain = np.where(np.abs(upright_map(looks.before)) < 2.9, np.float32(SHIFT), np.float32(0))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     odds[np.hypot(x, y) > rim.radius] = -3.0
     usual, area = _top(odds, looks.bead)
-    looser, stricter = (_top(odds + sign * open_to_doubt, looks.bead)[0] for sign in (1, -1))
+    looser, stricter = (_top(odds + sign * uncertain, looks.bead)[0] for sign in (1, -1))
     return Outline(
         still.index,
         still.time,

@@ -22,7 +22,11 @@ UPPER, LOWER = "angle_of_repose_upper", "angle_of_repose_lower"
 
 FREQUENCY = "avalanche_frequency"
 
+OF_SURFACE = (GRAPHICAL, GEOMETRIC, UPPER, LOWER)
+
 MIDDLE = "line, middle half"
+
+SLOPE = "slope over time"
 
 WHOLE = "line, 10-90 %"
 
@@ -74,7 +78,7 @@ class Observation:
     times: Array  # shape (n,), [s]
     radius: float | None  # of the drum, in the unit of the profiles
     variants: Mapping[str, tuple[Sequence[Profile], Sequence[Profile]]] = field(default_factory=dict)
-    roll_doubt: float = 0.0  # [deg], standard uncertainty of the camera roll
+    roll_uncertainty: float = 0.0  # [deg], standard uncertainty of the camera roll
     roll_seen: bool = True  # whether the roll was measured or stated
     filmed: bool = False
     bead: float | None = None  # bead diameter, in the unit of the profiles
@@ -143,6 +147,38 @@ def evaluate(
     return evaluate_observation(Observation(profiles, times, radius, bead=bead_diameter), speed, radius)
 
 
+def evaluate_slope(slope: Series, speed: float | None = None) -> Evaluation:
+    """Evaluate the slope of a drum's surface over time, measured elsewhere.
+
+    Parameters
+    ----------
+    slope : Series
+        Angle of the surface against the horizontal over time [s], in "rad" or "deg".
+    speed : float, optional
+        Angular speed of the drum [rad/s].
+
+    Returns
+    -------
+    Evaluation
+        ``angle_of_repose_graphical`` [deg], the mean over the steady part, and the avalanches where there are some.
+
+    Raises
+    ------
+    NothingToMeasure
+        If no value is finite.
+    """
+    must_be_positive(speed=speed)
+    x = np.linspace(-1.0, 1.0, 9)  # in any unit: a straight surface has the slope everywhere
+    tangents = np.tan(np.radians(slope.value) if slope.unit == "deg" else slope.value)
+    surfaces = [Profile(x, tangent * x, np.full(len(x), np.nan)) for tangent in tangents]
+    found = evaluate_observation(Observation(surfaces, slope.time, None), speed, None)
+    kept = [each for each in found.quantities if each.method == MIDDLE or each.quantity not in OF_SURFACE]
+    quantities = tuple(
+        replace(each, method=SLOPE) if each.method == MIDDLE and each.quantity == GRAPHICAL else each for each in kept
+    )
+    return replace(found, quantities=quantities)
+
+
 def angles_over_time(profiles: Sequence[Profile], times: Array, *, drum_diameter: float) -> tuple[Series, Series]:
     """Graphical angle (line, middle half) and geometric angle (chord) of each profile [deg], NaN where not seen.
 
@@ -209,11 +245,13 @@ def evaluate_observation(seen: Observation, speed: float | None, radius: float |
     s_shaped = _s_shaped(means)
     quantities = []
     for key, mean in means.items():
-        doubt = {
+        uncertainties = {
             part: _spread([_shift(other[key][kept], angles[key][kept]) for other in pair])
             for part, pair in varied.items()
         }
-        quantities.append(_quantity(key, mean, doubt, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped))
+        quantities.append(
+            _quantity(key, mean, uncertainties, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped)
+        )
     warnings = []
     if isinstance(avalanches, str):
         warnings.append(f"avalanche frequency and angles: not given, because {avalanches}.")
@@ -304,7 +342,7 @@ def _s_shaped(means: Mapping[tuple[str, str], Mean]) -> bool:
 def _quantity(
     key: tuple[str, str],
     mean: Mean,
-    doubt: Mapping[str, float],
+    uncertainties: Mapping[str, float],
     seen: Observation,
     frames: int,
     rises: float,
@@ -317,7 +355,7 @@ def _quantity(
     # the observed scatter, weighted by its degrees of freedom against the usual scatter
     scatter2 = ((moments - 1) * mean.deviation**2 + ONE_MOMENT**2) / moments
     budget = {"flow over time": max(mean.std_error, math.sqrt(scatter2 / moments))}
-    budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_doubt, **doubt}
+    budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_uncertainty, **uncertainties}
     if seen.filmed:
         budget["perspective, beads in flight"] = HALVES_UNCERTAINTY if method == WHOLE else VIEW_UNCERTAINTY[name]
     budget = {part: float(value) for part, value in budget.items() if math.isfinite(value) and value > 0}

@@ -45,10 +45,10 @@ def write_pictures(
 def _label(measurement: Measurement) -> str:
     for one in measurement.quantities:
         if (one.quantity, one.method) == (drum.GRAPHICAL, drum.MIDDLE):
-            doubt = " (doubtful)" if one.doubtful else ""
+            mark = " (doubtful)" if one.doubtful else ""
             low, high = one.interval95
             angle = f"angle of repose ({drum.MIDDLE}) {one.value:.2f}° ({low:.2f}° to {high:.2f}° at 95 %)"
-            return f"{angle}, {one.detail['turning']}{doubt}"
+            return f"{angle}, {one.detail['turning']}{mark}"
     return ""
 
 

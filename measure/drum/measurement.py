@@ -16,9 +16,19 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, doubted, failed
 from rigtwin.lab.records import Profile
+from rigtwin.lab.tracked.read import read_profiles, read_series
+from rigtwin.lab.tracked.table import TableOptions, is_table
+from rigtwin.measure.drawing import write_record_plot
 from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
-from rigtwin.measure.drum.evaluate import Observation, evaluate_observation, must_be_positive, rising_side
+from rigtwin.measure.drum.evaluate import (
+    Observation,
+    evaluate,
+    evaluate_observation,
+    evaluate_slope,
+    must_be_positive,
+    rising_side,
+)
 from rigtwin.measure.drum.profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum.rotation import stance_checks
 from rigtwin.measure.geometry.camera_roll import NOT_SEEN, nothing_level
@@ -35,6 +45,7 @@ def measure(
     drum_diameter: float | None,
     speed: float | None = None,
     bead_diameter: float | None = None,
+    table: TableOptions | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -43,7 +54,8 @@ def measure(
     Parameters
     ----------
     clip : Path
-        Video or photo of the end of the drum.
+        Video or photo of the end of the drum; or a table of its surface, at one time or over time, with the origin on
+        the drum's axis, or of the surface's slope over time (`rigtwin.lab.tracked`).
     camera : Camera
         Scale, roll, region, frame rate and other settings of the camera.
     drum_diameter : float or None
@@ -52,6 +64,8 @@ def measure(
         Angular speed of the drum [rad/s]; used for the Froude number and to recognise avalanches.
     bead_diameter : float, optional
         Bead diameter [m].
+    table : TableOptions, optional
+        Columns of a table.
     out : Path
         Folder for annotated video, still, plot and record.
     progress : Progress
@@ -81,6 +95,8 @@ def measure(
         raise BadInput(
             "measure drum: the bead is larger than half of the drum; check --bead-diameter and --drum-diameter."
         )
+    if is_table(clip):
+        return _measure_table(clip, camera, table, drum_diameter, speed, bead_diameter, out)
     warnings: list[str] = []
     rate, spoilt = None, ""
     shown: Video | Image
@@ -104,7 +120,10 @@ def measure(
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
-    of_picture = [*checks_of_picture(bed, still), *stance_checks(bed.aside, bed.turning, rising_side(seen.profiles))]
+    of_picture = [
+        *checks_of_picture(bed, still),
+        *stance_checks(bed.bed_direction, bed.turning, rising_side(seen.profiles)),
+    ]
     must_be_a_drum(clip, of_picture)
     try:
         evaluation = evaluate_observation(seen, speed, None if scale is None else seen.radius)
@@ -153,6 +172,41 @@ def measure(
     from rigtwin.measure.drum.figures import write_pictures
 
     return replace(result, files=write_pictures(out, result, shown, bed, scale or 1.0, progress))
+
+
+def _measure_table(
+    path: Path,
+    camera: Camera,
+    options: TableOptions | None,
+    drum_diameter: float | None,
+    speed: float | None,
+    bead_diameter: float | None,
+    out: Path | None,
+) -> Measurement:
+    """Evaluate a table of the surface's slope over time, or of the surface."""
+    slope = read_series(path, "angle", options, frame_rate=camera.frame_rate)
+    if slope is not None:
+        evaluation = evaluate_slope(slope.series, speed)
+        understood = slope.understood
+        profiles: tuple[Profile, ...] = ()
+    else:
+        read = read_profiles(path, options, scale=camera.given_scale, frame_rate=camera.frame_rate)
+        understood, profiles = read.understood, read.profiles
+        evaluation = evaluate(
+            profiles, read.times, drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter
+        )
+    result = Measurement(
+        rig="drum",
+        source=path,
+        source_sha256=sha256(path),
+        quantities=evaluation.quantities,
+        checks=evaluation.checks,
+        warnings=evaluation.warnings,
+        profiles=profiles,
+        series=() if slope is None else (slope.series,),
+        table=understood.to_json(),
+    )
+    return result if out is None else replace(result, files={"plot": write_record_plot(out, path.stem, result)})
 
 
 # ----------------------------------------------------------------------------------------------------- media -> record

@@ -33,7 +33,7 @@ CLEAR = 0.02  # least difference of the sum of two correlations that is motion, 
 SURE = 5.0  # standard errors by which the correlation in one direction must exceed that in the other
 # [deg], between the bed's middle and straight below the axis; this is the angle of repose, up to 60 and more for sticky
 # powders
-MOST_ASIDE = 75.0
+MOST_BED_DIRECTION = 75.0
 
 
 @dataclass(frozen=True)
@@ -105,16 +105,16 @@ def _likeness(earlier: FloatImage, later: FloatImage, reach: int) -> Array:
     return np.asarray(cv2.matchTemplate(later, middle, cv2.TM_CCOEFF_NORMED)[0], dtype=np.float64)
 
 
-def stance_checks(aside: float, turning: int, rises: float) -> list[Check]:
+def stance_checks(bed_direction: float, turning: int, rises: float) -> list[Check]:
     """Check that the picture is upright, and that the surface rises in the direction of the beads at the wall.
 
-    `aside` is the direction of the bed's middle from the drum's axis [rad], 0 straight below it; `rises` is +1 where
-    the surface rises to the right, -1 to the left.
+    `bed_direction` is the direction of the bed's middle from the drum's axis [rad], 0 straight below it; `rises` is +1
+    where the surface rises to the right, -1 to the left.
     """
     checks = []
-    if math.isfinite(aside):
-        degrees = math.degrees(abs(aside))
-        passed = degrees < MOST_ASIDE
+    if math.isfinite(bed_direction):
+        degrees = math.degrees(abs(bed_direction))
+        passed = degrees < MOST_BED_DIRECTION
         ending = (
             "." if passed else ": too far for a flowing bed; the picture lies on its side, or --camera-roll is wrong."
         )

@@ -190,4 +190,4 @@ def _rectified(plane: Array, bend: tuple[float, float], size: tuple[int, int], r
     back[:2, 2] = -back[:2, :2] @ middle
     whole = plane @ back
     rows = tuple(tuple(map(float, row)) for row in whole / whole[2, 2])
-    return Lens(size, rows, bend, scale=1 / math.sqrt(stretch[0] * stretch[1]), doubt=uncertainty, residual=rms)
+    return Lens(size, rows, bend, scale=1 / math.sqrt(stretch[0] * stretch[1]), uncertainty=uncertainty, residual=rms)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check, Quantity
-from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_DOUBT, size_of_beads
+from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, size_of_beads
 from rigtwin.measure.bulk.checks import size_seen, size_unseen
 from rigtwin.measure.hopper.evaluate import Instant
 from rigtwin.measure.hopper.free_fall_clock import fall_below, fall_check, outlet_check, together
@@ -114,7 +114,7 @@ def size_check(
     seen: Outflow,
     scale: float,
     source: str,
-    doubt: float,
+    uncertainty: float,
     bead_diameter: float | None,
     spacing: float | None,
     bin_width: float | None,
@@ -125,7 +125,7 @@ def size_check(
         missing = missing if spacing is not None else "the bed shows no pattern of beads"
         return size_unseen("the scale and the outlet velocity depend", source, missing)
     ratio = size_of_beads(spacing) / seen.lens.zoom * scale / bead_diameter
-    return size_seen(ratio, 3 * math.hypot(doubt, NEIGHBOURS_DOUBT), source)
+    return size_seen(ratio, 3 * math.hypot(uncertainty, NEIGHBOURS_UNCERTAINTY), source)
 
 
 def rate_check(
@@ -135,13 +135,13 @@ def rate_check(
     rate: float,
     *,
     scale: float,
-    doubt: float,
+    uncertainty: float,
     hidden: bool,
 ) -> Check | str:
     """Check the clock of the clip against gravity, or state why this is not possible.
 
-    `scale` [m/px] of the clip and its relative standard uncertainty `doubt`; `hidden`: whether something is in front of
-    the slot.
+    `scale` [m/px] of the clip with its relative standard `uncertainty`; `hidden`: whether something is in front of the
+    slot.
     """
     time = np.array([moment.time for moment in seen.moments])
     # the front of a stream ends where beads separate, the lowest bead where the first one has reached the floor
@@ -153,7 +153,7 @@ def rate_check(
     stream_fall = seen.stream.fall(seen.interval)
     fall = together([fronts_fall, None if stream_fall is None else stream_fall.at(1 / seen.lens.zoom)])
     if fall is not None:
-        return fall_check(fall, scale, doubt, rate)
+        return fall_check(fall, scale, uncertainty, rate)
     if velocity is not None:
         wide = outlet_check(velocity.value, width)
         return f"frame rate not confirmed: {wide.message}" if wide.passed else wide

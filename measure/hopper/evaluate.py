@@ -109,7 +109,7 @@ def evaluate_discharge(
     opened: Instant | None,
     last: Instant | None,
     residue: float | None,
-    area_doubt: float,
+    area_uncertainty: float,
 ) -> Evaluation:
     time, share, full = _share_left(left)
     warnings = []
@@ -133,7 +133,7 @@ def evaluate_discharge(
         _instant("last_particle_time", last),
         _discharge(opened, last),
     ]
-    rates = _rates(time, share, full, left.unit, total_mass, area_doubt)
+    rates = _rates(time, share, full, left.unit, total_mass, area_uncertainty)
     quantities += rates
     if len(rates) == 1:
         warnings.append(
@@ -141,16 +141,16 @@ def evaluate_discharge(
         )
     elif rates[1].quantity != "mass_flow_rate":
         warnings.append(f"mass flow rate: not given, only a {rates[1].quantity.replace('_', ' ')}; give --total-mass.")
-    share_doubt = UNKNOWN_SHARE if cut else max(area_doubt * stays, 0.003 if area_doubt else 0.0)
-    remains = Quantity("residue_fraction", stays, share_doubt, "1", CUT, doubtful=CUT_SHORT if cut else "")
+    share_uncertainty = UNKNOWN_SHARE if cut else max(area_uncertainty * stays, 0.003 if area_uncertainty else 0.0)
+    remains = Quantity("residue_fraction", stays, share_uncertainty, "1", CUT, doubtful=CUT_SHORT if cut else "")
     quantities.append(remains)
     within = _within_check(rates[0], last.time - opened.time)
     falling = _falling_check(time, share)
     checks = [_emptied_check(stays, cut), within, falling]
-    doubts = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
-    doubt = "; ".join(dict.fromkeys(text for text in doubts if text))
-    if doubt:
-        quantities = [replace(one, doubtful=doubt) if one.unit == "s" else one for one in quantities]
+    reasons = (opened.doubtful, last.doubtful, "" if within.passed else within.message)
+    reason = "; ".join(dict.fromkeys(text for text in reasons if text))
+    if reason:
+        quantities = [replace(one, doubtful=reason) if one.unit == "s" else one for one in quantities]
     marked = with_times_doubted(tuple(quantities), failed_message(falling))
     return Evaluation(marked, tuple(checks), tuple(warnings))
 
@@ -281,7 +281,7 @@ def _discharge(opened: Instant, last: Instant) -> Quantity:
 
 
 def _rates(
-    time: Array, share: Array, full: float, unit: str, total_mass: float | None, area_doubt: float
+    time: Array, share: Array, full: float, unit: str, total_mass: float | None, area_uncertainty: float
 ) -> list[Quantity]:
     """Steady flow rate, and the time from 5 to 95 %, which does not depend on stragglers."""
     gone = 1 - np.minimum.accumulate(share)
@@ -299,7 +299,7 @@ def _rates(
         Quantity(
             "discharge_time_5_95",
             when(0.95) - when(0.05),
-            math.hypot(step / 4, math.sqrt(2) * AT_ENDS * area_doubt / (STEADY[1] - STEADY[0]) * (end - start)),
+            math.hypot(step / 4, math.sqrt(2) * AT_ENDS * area_uncertainty / (STEADY[1] - STEADY[0]) * (end - start)),
             "s",
             "5 to 95 % of what leaves",
         )
@@ -313,7 +313,7 @@ def _rates(
     drift = float(pieces[BINS // 2 :].mean() - pieces[: BINS // 2].mean())
     budget = {
         "scatter of the flow": slope * float(np.std(pieces, ddof=1) / slope) / math.sqrt(BINS),
-        "area for mass": area_doubt * slope,
+        "area for mass": area_uncertainty * slope,
     }
     detail: dict[str, Detail] = {"from_s": round(start, 5), "to_s": round(end, 5), "drift": round(drift / slope, 4)}
     method = f"line, {STEADY[0]:.0%} to {STEADY[1]:.0%}".replace("%", " %")

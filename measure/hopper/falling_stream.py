@@ -47,7 +47,7 @@ class Usual:
     row: npt.NDArray[np.intp]  # [px] below the slot, where the shift begins
     shift: Array  # [px]
     acceleration: float  # [px/frame^2]
-    doubt: float  # relative standard uncertainty of the acceleration
+    uncertainty: float  # relative standard uncertainty of the acceleration
 
     def after(self, frames: Array) -> Array:
         """Distance that beads move within so many frames [px], shape (rows, frames)."""
@@ -96,7 +96,7 @@ class Stream:
         if usual is None:
             return None
         acceleration = usual.acceleration / self._zoom / interval**2
-        return FreeFall(acceleration, acceleration * math.hypot(usual.doubt, NOT_FREE))
+        return FreeFall(acceleration, acceleration * math.hypot(usual.uncertainty, NOT_FREE))
 
     def frames_between(self) -> Array:
         """Number of usual steps from each picture to the next, shape (pairs,); NaN if too few beads are seen.

@@ -33,17 +33,17 @@ class FreeFall:
     """Acceleration of the lowest bead below the outlet."""
 
     acceleration: float  # [px/s^2]
-    doubt: float  # [px/s^2], standard uncertainty
+    uncertainty: float  # [px/s^2], standard uncertainty
 
     def at(self, zoom: float) -> FreeFall:
         """The same acceleration in a picture `zoom` times as large."""
-        return FreeFall(self.acceleration * zoom, self.doubt * zoom)
+        return FreeFall(self.acceleration * zoom, self.uncertainty * zoom)
 
 
 def surer(falls: Iterable[FreeFall | None]) -> FreeFall | None:
     """The fall with the smallest relative standard uncertainty."""
     seen = [fall for fall in falls if fall is not None]
-    return min(seen, key=lambda fall: fall.doubt / fall.acceleration, default=None)
+    return min(seen, key=lambda fall: fall.uncertainty / fall.acceleration, default=None)
 
 
 def together(falls: Iterable[FreeFall | None]) -> FreeFall | None:
@@ -51,7 +51,7 @@ def together(falls: Iterable[FreeFall | None]) -> FreeFall | None:
     seen = [fall for fall in falls if fall is not None]
     if not seen:
         return None
-    weights = np.array([fall.doubt**-2 for fall in seen])
+    weights = np.array([fall.uncertainty**-2 for fall in seen])
     each = np.array([fall.acceleration for fall in seen])
     mean = float(np.average(each, weights=weights))
     ratio = float(np.sum(weights * (each - mean) ** 2)) / max(len(seen) - 1, 1)
@@ -86,17 +86,17 @@ def _fitted(time: Array, front: Array, bead: float) -> FreeFall | None:
         return None
     # rows are whole pixels, and the lowest visible row of a bead changes with its illumination
     noise = max(scatter, 0.5)
-    acceleration, doubt = 2 * float(fit[0]), 2 * noise * math.sqrt(float(covariance[0, 0]))
-    if acceleration < 3 * doubt:  # no significant acceleration
+    acceleration, uncertainty = 2 * float(fit[0]), 2 * noise * math.sqrt(float(covariance[0, 0]))
+    if acceleration < 3 * uncertainty:  # no significant acceleration
         return None
-    return FreeFall(acceleration, math.hypot(doubt, PASSING * bead / float(np.ptp(front)) * acceleration))
+    return FreeFall(acceleration, math.hypot(uncertainty, PASSING * bead / float(np.ptp(front)) * acceleration))
 
 
-def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) -> Check:
+def fall_check(fall: FreeFall, scale: float, scale_uncertainty: float, rate: float) -> Check:
     """Check the acceleration against gravity; `scale` [m/px] with relative uncertainty, `rate` [1/s] as stated."""
-    found, doubt = fall.acceleration * scale, math.hypot(fall.doubt / fall.acceleration, scale_doubt)
-    reach = max(3 * doubt, LEAST_OFF)
-    message = f"beads below the outlet fall with {reading(found, found * doubt, 'm/s^2')}"
+    found, uncertainty = fall.acceleration * scale, math.hypot(fall.uncertainty / fall.acceleration, scale_uncertainty)
+    reach = max(3 * uncertainty, LEAST_OFF)
+    message = f"beads below the outlet fall with {reading(found, found * uncertainty, 'm/s^2')}"
     off = abs(math.log(found / GRAVITY))
     if off < reach:
         # the acceleration is proportional to the square of the rate
@@ -108,8 +108,9 @@ def fall_check(fall: FreeFall, scale: float, scale_doubt: float, rate: float) ->
         False,
         found,
         GRAVITY,
-        f"{message} instead of {GRAVITY}: either the clip was captured at {captured:.0f} ± {captured * doubt / 2:.0f} "
-        f"Hz and not at {rate:.4g} (--frame-rate), or lengths (the scale) are {found / GRAVITY:.2g} times the true "
+        f"{message} instead of {GRAVITY}: either the clip was captured at {captured:.0f} "
+        f"± {captured * uncertainty / 2:.0f} Hz and not at {rate:.4g} (--frame-rate), "
+        f"or lengths (the scale) are {found / GRAVITY:.2g} times the true "
         "ones.",
     )
 

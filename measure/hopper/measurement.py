@@ -12,7 +12,12 @@ from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Measurement, doubted
+from rigtwin.lab.records import Series
+from rigtwin.lab.tracked.columns import found_columns
+from rigtwin.lab.tracked.read import TrackedSeries, read_series, read_table
+from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.bulk.bead_spacing import bead_spacing
+from rigtwin.measure.drawing import write_record_plot
 from rigtwin.measure.geometry.camera_roll import nothing_level, upright_checks
 from rigtwin.measure.hopper.checks import (
     HIDDEN,
@@ -25,7 +30,14 @@ from rigtwin.measure.hopper.checks import (
     size_check,
     spoils_times,
 )
-from rigtwin.measure.hopper.evaluate import CUT, CUT_SHORT, evaluate_discharge, failed_message, with_times_doubted
+from rigtwin.measure.hopper.evaluate import (
+    CUT,
+    CUT_SHORT,
+    evaluate,
+    evaluate_discharge,
+    failed_message,
+    with_times_doubted,
+)
 from rigtwin.measure.hopper.observe import (
     closed_before,
     edges_of_slot,
@@ -52,6 +64,7 @@ def measure(
     bead_diameter: float | None = None,
     total_mass: float | None = None,
     bin_width: float | None = None,
+    table: TableOptions | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -60,7 +73,8 @@ def measure(
     Parameters
     ----------
     clip : Path
-        Video that begins before the slide opens and ends when the hopper is empty.
+        Video that begins before the slide opens and ends when the hopper is empty; or a table over time of what is left
+        in the hopper, of what has left it, or of the flow (`rigtwin.lab.tracked`).
     camera : Camera
         Scale, roll, region, frame rate and other settings of the camera.
     bead_diameter : float, optional
@@ -69,6 +83,8 @@ def measure(
         Mass of the filling [kg]; needed for the mass flow rate.
     bin_width : float, optional
         Inner width of the bin [m].
+    table : TableOptions, optional
+        Columns of a table.
     out : Path
         Folder for annotated video, still, plot and record.
     progress : Progress
@@ -92,9 +108,9 @@ def measure(
     The slot opens when the trailing edge of the slide passes the near edge of the slot.  The last particle is out when
     its centre is one radius below the slot, which is when its upper edge passes the slot.
     """
-    for name, value in (("bead diameter", bead_diameter), ("total mass", total_mass), ("bin width", bin_width)):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise BadInput(f"hopper: {name} must be positive, got {value:g}.")
+    _must_be_positive({"bead diameter": bead_diameter, "total mass": total_mass, "bin width": bin_width})
+    if is_table(clip):
+        return _measure_table(clip, camera, table, total_mass, out)
     video = at_its_pace(open_video(clip, camera), progress)
     bead = bead_diameter / camera.given_scale if bead_diameter and camera.given_scale else None
     seen = follow_outflow(video, roll=camera.roll, region=camera.region, bead=bead, progress=progress)
@@ -114,7 +130,7 @@ def measure(
     evaluation = evaluate_discharge(left, total_mass, opened, last, seen.residue, AREA_UNCERTAINTY)
     timing = flow_timing_check(seen, left.value, opened, last)
     spacing = bead_spacing(seen.scenery.full, seen.scenery.bed)
-    scale, scale_from, scale_doubt = scale_of(seen, camera, bead_diameter, bin_width, spacing)
+    scale, scale_from, scale_uncertainty = scale_of(seen, camera, bead_diameter, bin_width, spacing)
     warnings = [*video.warnings, *evaluation.warnings]
     warnings.append("mass left: taken from the visible area of the bed, which assumes a slab of even depth.")
     view: dict[str, Any] = {
@@ -127,7 +143,7 @@ def measure(
         "slide_goes": {1: "right", -1: "left", 0: "unknown"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
     }
-    velocity = outlet_velocity(seen, scale, scale_doubt, bin_width)
+    velocity = outlet_velocity(seen, scale, scale_uncertainty, bin_width)
     quantities = evaluation.quantities
     size: Check | str = ""
     rate: Check | str = (
@@ -136,10 +152,12 @@ def measure(
     if isinstance(velocity, str):
         warnings.append(f"outlet velocity: not given, because {velocity}.")
     if scale is not None:
-        size = size_check(seen, scale, scale_from, scale_doubt, bead_diameter, spacing, bin_width)
+        size = size_check(seen, scale, scale_from, scale_uncertainty, bead_diameter, spacing, bin_width)
         outlet = None if isinstance(velocity, str) else doubted(velocity, failed_message(size))
         width = view["slot_width_px"] * scale
-        rate = rate_check(seen, outlet, width, video.frame_rate, scale=scale, doubt=scale_doubt, hidden=hidden > HIDDEN)
+        rate = rate_check(
+            seen, outlet, width, video.frame_rate, scale=scale, uncertainty=scale_uncertainty, hidden=hidden > HIDDEN
+        )
         quantities = quantities if outlet is None else (*quantities, outlet)
     outcomes = (timing, rate, size, still, nothing_level(seen.upright))
     warnings += [each for each in outcomes if isinstance(each, str) and each]
@@ -180,3 +198,53 @@ def measure(
     from rigtwin.measure.hopper.figures import write_pictures
 
     return replace(result, files=write_pictures(out, result, video, seen, left, edges, scale, progress))
+
+
+def _measure_table(
+    path: Path, camera: Camera, options: TableOptions | None, total_mass: float | None, out: Path | None
+) -> Measurement:
+    read, left = _left(path, options, total_mass, camera.frame_rate)
+    evaluation = evaluate(left, total_mass=total_mass)
+    result = Measurement(
+        rig="hopper",
+        source=path,
+        source_sha256=sha256(path),
+        quantities=evaluation.quantities,
+        checks=evaluation.checks,
+        warnings=evaluation.warnings,
+        series=(left,),
+        table=read.understood.to_json(),
+    )
+    return result if out is None else replace(result, files={"plot": write_record_plot(out, path.stem, result)})
+
+
+def _left(
+    path: Path, options: TableOptions | None, total_mass: float | None, frame_rate: float | None
+) -> tuple[TrackedSeries, Series]:
+    """The table as read, and what is left in the hopper over time."""
+    for role in ("left", "collected", "flow"):
+        if (read := read_series(path, role, options, frame_rate=frame_rate)) is None:
+            continue
+        series = read.series
+        if role == "left":
+            return read, series
+        gone = series.value
+        if role == "flow":
+            from scipy.integrate import cumulative_trapezoid
+
+            gone = cumulative_trapezoid(series.value, series.time, initial=0)
+        unit = series.unit.removesuffix("/s")
+        full = float(gone[-1])
+        if unit == "kg" and total_mass is not None:
+            full = max(full, total_mass)
+        return read, Series(series.time, full - gone, "mass_left" if unit == "kg" else "left", unit)
+    raise BadInput(
+        f"{path}: no column for what is left in the hopper, what has left it, or the flow was recognised; "
+        f"{found_columns(read_table(path))}; name it with --columns 'left=NAME', 'collected=NAME' or 'flow=NAME'."
+    )
+
+
+def _must_be_positive(sizes: dict[str, float | None]) -> None:
+    for name, value in sizes.items():
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise BadInput(f"hopper: {name} must be positive, got {value:g}.")

@@ -9,7 +9,7 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
-from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_DOUBT, size_of_beads
+from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, size_of_beads
 from rigtwin.measure.hopper.outflow import Outflow, bin_walls
 
 GIVEN_UNCERTAINTY = 0.01  # relative standard uncertainty of a scale from a length in view
@@ -28,7 +28,9 @@ def outlet_profile(seen: Outflow, scale: float) -> tuple[Array, Array]:
     return (place - (seen.scenery.slot.left + seen.scenery.slot.right) / 2) * size, shift * size / seen.interval
 
 
-def outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float, bin_width: float | None) -> Quantity | str:
+def outlet_velocity(
+    seen: Outflow, scale: float | None, scale_uncertainty: float, bin_width: float | None
+) -> Quantity | str:
     """Mean downward velocity of the beads in the slot [m/s], or the reason why it is not known."""
     if scale is None:
         return f"no scale is known; {other_scale(bin_width)}, or --bead-diameter"
@@ -40,7 +42,7 @@ def outlet_velocity(seen: Outflow, scale: float | None, scale_doubt: float, bin_
     budget = {
         # neighbouring windows overlap by half, so half of them are independent
         "scatter along the slot": float(known.std(ddof=1)) / math.sqrt(len(known) / 2),
-        "scale": scale_doubt * abs(value),
+        "scale": scale_uncertainty * abs(value),
     }
     detail: dict[str, Detail] = {"windows": len(known), "fastest_m_s": round(float(known.max()), 5)}
     method = "cross-correlation at the slot, mean over the steady flow"
@@ -52,12 +54,12 @@ def scale_of(
 ) -> tuple[float | None, str, float]:
     """Scale [m/px] of the clip, its source, and its relative standard uncertainty."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_from, camera.scale_doubt(GIVEN_UNCERTAINTY)
+        return camera.given_scale, camera.scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY)
     walls = bin_walls(seen.scenery) if bin_width is not None else None
     if walls is not None and bin_width is not None:
         return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_UNCERTAINTY
     if bead_diameter is not None and spacing is not None:
-        return bead_diameter / size_of_beads(spacing) * seen.lens.zoom, "bead diameter", NEIGHBOURS_DOUBT
+        return bead_diameter / size_of_beads(spacing) * seen.lens.zoom, "bead diameter", NEIGHBOURS_UNCERTAINTY
     if bead_diameter is not None and seen.scenery.bead_seen:
         return float(bead_diameter / seen.scenery.bead * seen.lens.zoom), "bead diameter", BEAD_UNCERTAINTY
     return None, "not known", math.inf

@@ -11,7 +11,7 @@ from rigtwin.lab.arrays import Array, Mask
 
 MOST = 3  # places in a record; with more losses its times are not corrected
 
-WILD = 5.0  # outlier limit in noise standard deviations; such a point may show another object
+OUTLIER = 5.0  # outlier limit in noise standard deviations; such a point may show another object
 
 SELDOM = 6  # frames; largest usual distance between repeated frames (every sixth)
 LEAST_SHARE = 0.15  # minimum share of the moving frames; a single one may be a bead near the top of its flight

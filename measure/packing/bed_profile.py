@@ -33,7 +33,9 @@ class Observation:
     """Outline of one view with the uncertainties that the picture leaves."""
 
     profile: Profile
-    doubts: dict[str, float] = field(default_factory=dict)  # [m], named standard uncertainties of the mean height
+    uncertainties: dict[str, float] = field(
+        default_factory=dict
+    )  # [m], named standard uncertainties of the mean height
     flaw: str = ""  # why the outline is unreliable
     misfit: str = ""  # why a stated size contradicts the picture
     unconfirmed: str = ""  # warning about a stated size that nothing in the picture confirms

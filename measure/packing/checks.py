@@ -75,7 +75,7 @@ ADVISED_RATIO = 5.0  # least cylinder diameter over bead diameter without a visi
 
 def bed_views_check(seen: Sequence[Observation], heights: Sequence[float], grain: float) -> Check:
     """Check that views of one bed agree; each shows different beads in front, so their offsets are independent."""
-    sigmas = [math.hypot(OUTLINE_SPREAD * grain, *each.doubts.values()) * 1e3 for each in seen]
+    sigmas = [math.hypot(OUTLINE_SPREAD * grain, *each.uncertainties.values()) * 1e3 for each in seen]
     return views_check("mean outline", [height * 1e3 for height in heights], sigmas, "mm")
 
 

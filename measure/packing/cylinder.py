@@ -63,7 +63,7 @@ class Bed:
     beyond: float  # share of the beads found that lie outside the walls
     gauge: Gauge | None
     contrast: float  # contrast of the outline over that of the clearest edge in the picture
-    outline_doubt: float  # standard uncertainty of the mean outline
+    outline_uncertainty: float  # standard uncertainty of the mean outline
     flaw: str  # why the outline is unreliable
     longer_side: float  # of the picture
     silhouette: Silhouette = field(repr=False)
@@ -100,11 +100,11 @@ class Bed:
         focal = FOCAL_SIDES * self.longer_side
         fallen = float(np.mean(height)) / focal
         steep = self.bulge / (self.width / 2) - fallen
-        doubt = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / (self.width / 2))
+        uncertainty = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / (self.width / 2))
         beads = self.width / (4 * self.bead_radius)
         # prior: the camera is usually held near the height of the surface
-        share = USUAL_STEEPNESS**2 / (USUAL_STEEPNESS**2 + (doubt * beads) ** 2)
-        return float(np.clip(share * steep * beads, -1.5, 1.5)), math.sqrt(share) * doubt * beads
+        share = USUAL_STEEPNESS**2 / (USUAL_STEEPNESS**2 + (uncertainty * beads) ** 2)
+        return float(np.clip(share * steep * beads, -1.5, 1.5)), math.sqrt(share) * uncertainty * beads
 
 
 def find_bed(
@@ -420,7 +420,7 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | None:
     if shown < LEAST_SHOWN:
         return None
     apart = np.abs(found.looser[known] - found.stricter[known])
-    doubt = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
+    uncertainty = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
     flaw = ""
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if cut_off:
@@ -441,4 +441,4 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | None:
         flaw = "a fifth of the outline depends on the threshold that separates beads from the background"
     # the hidden part may lie higher or lower by the roughness of a bed
     hidden = HIDDEN_LEVEL * 2 * bed.bead_radius * math.sqrt(max(1 - shown, 0.0))
-    return replace(bed, outline_doubt=math.hypot(doubt, hidden), flaw=flaw)
+    return replace(bed, outline_uncertainty=math.hypot(uncertainty, hidden), flaw=flaw)

@@ -133,7 +133,7 @@ def evaluate_views(
     outline = float(np.mean([height for height, _ in heights]))
     rough = float(np.mean([rough for _, rough in heights]))
     grain, unknown = (bead, 0.0) if bead else _bead_seen(seen, rough)
-    parts = _view_doubts(seen, [height for height, _ in heights])
+    parts = _view_uncertainties(seen, [height for height, _ in heights])
     below = OUTLINE_ABOVE + PITS_BELOW
     tops = {**parts, "outline to tops": OUTLINE_SPREAD * grain, "bead diameter": unknown * OUTLINE_ABOVE}
     pits = {
@@ -196,10 +196,10 @@ def _flaw(seen: Sequence[Observation], checks: Sequence[Check]) -> str:
     return in_a_row([*outline, *odd, *(each.misfit for each in seen)])
 
 
-def _view_doubts(seen: Sequence[Observation], heights: Sequence[float]) -> dict[str, float]:
+def _view_uncertainties(seen: Sequence[Observation], heights: Sequence[float]) -> dict[str, float]:
     """Standard uncertainties of the mean outline [m]; views share scale and floor, so only scatter averages out."""
-    names = dict.fromkeys(name for each in seen for name in each.doubts)
-    parts = {name: max(each.doubts.get(name, 0.0) for each in seen) for name in names}
+    names = dict.fromkeys(name for each in seen for name in each.uncertainties)
+    parts = {name: max(each.uncertainties.get(name, 0.0) for each in seen) for name in names}
     sigmas = [each.profile.sigma[np.isfinite(each.profile.sigma)] for each in seen]
     noise = max((float(np.median(sigma)) for sigma in sigmas if len(sigma)), default=0.0)
     parts["outline"] = 0.3 * noise

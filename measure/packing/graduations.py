@@ -68,12 +68,12 @@ class Gauge:
 
 
 def find_gauge(
-    grey: GreyImage, columns: Array, lean: Array, expected: float, floor: float, floor_doubt: float
+    grey: GreyImage, columns: Array, lean: Array, expected: float, floor: float, floor_tolerance: float
 ) -> Gauge | None:
     """Find the clearest gauge in picture columns.
 
     `columns`, shape (n,) [px], are searched; `lean`, shape (n,) [rad], is the direction of a gauge there.  `expected`
-    is the size of a millimetre [px].  `floor` is the approximate row of the gauge's zero [px] and `floor_doubt` the
+    is the size of a millimetre [px].  `floor` is the approximate row of the gauge's zero [px] and `floor_tolerance` the
     largest distance from it [mm].  Returns None if no graduations are found.
     """
     if expected * PITCH_RANGE < FINEST or len(columns) == 0:
@@ -86,7 +86,7 @@ def find_gauge(
     phase, first, last, lowest = _phase(wave, rate, bend)
     if (last - first) * abs(rate) < LEAST_LENGTH:
         return None
-    at_row_0 = _whole(waves, k, (phase, rate, bend), (first, last), floor, floor_doubt)
+    at_row_0 = _whole(waves, k, (phase, rate, bend), (first, last), floor, floor_tolerance)
     if at_row_0 is None:
         return None
     # readings increase upwards, rows downwards
@@ -174,7 +174,7 @@ def _whole(
     law: tuple[float, float, float],
     ends: tuple[float, float],
     floor: float,
-    floor_doubt: float,
+    floor_tolerance: float,
 ) -> float | None:
     """Reading at row 0 [mm], or None if it is ambiguous.
 
@@ -190,11 +190,11 @@ def _whole(
         wave = waves[j][inside]
         # marks take the smaller part of a period: dark on light, or light on dark
         sign = -1.0 if float(np.mean(wave**3)) < 0 else 1.0
-        nearest = math.ceil(middle - floor_doubt)
+        nearest = math.ceil(middle - floor_tolerance)
         start = -phase + (0.5 if sign < 0 else 0.0)
-        for whole in np.arange(nearest - 1, middle + floor_doubt + 1):
+        for whole in np.arange(nearest - 1, middle + floor_tolerance + 1):
             at_row_0 = whole + (start - math.floor(start))
-            if abs(at_row_0 - middle) > floor_doubt:
+            if abs(at_row_0 - middle) > floor_tolerance:
                 continue
             reading = at_row_0 - fallen[inside]
             long, half = (_tooth(reading + shift) for shift in (0.0, 5.0))

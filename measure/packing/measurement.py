@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Camera
@@ -15,7 +16,8 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import (
     Measurement,
 )
-from rigtwin.lab.records import read_profile
+from rigtwin.lab.tracked.read import read_profiles
+from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import BY_HAND
@@ -35,6 +37,7 @@ def measure(
     bead_diameter: float | None = None,
     bead_density: float | None = None,
     spheres: bool = True,
+    table: TableOptions | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -43,7 +46,7 @@ def measure(
     Parameters
     ----------
     photos : sequence of Path
-        One photo per view.  A file with suffix ``.csv`` is read as a finished profile (columns ``x_m``, ``height_m``).
+        One photo per view.  A table is read as a finished profile (`rigtwin.lab.tracked`).
     camera : Camera
         Scale, roll, region and other settings of the camera.
     cylinder_diameter : float or None
@@ -56,6 +59,8 @@ def measure(
         Density of a bead [kg/m^3]; used to check the bulk density.
     spheres : bool
         Whether the beads are equal spheres; other shapes have a wider range of possible solid fractions.
+    table : TableOptions, optional
+        Columns of a table.
     out : Path, optional
         Folder for overlay, plot and profile table.
     progress : Progress
@@ -102,11 +107,17 @@ def measure(
     seen, views, checks = [], [], []
     beds: list[tuple[Image, Bed] | None] = []
     warnings: list[str] = []
+    understood: dict[str, Any] = {}
     for number, photo in enumerate(photos):
         progress("looking for the bed", number, len(photos))
-        if photo.suffix.lower() == ".csv":
-            seen.append(Observation(replace(read_profile(photo), view=photo.stem)))
-            views.append({"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None})
+        if is_table(photo):
+            read = read_profiles(photo, table, scale=camera.given_scale)
+            if len(read.profiles) > 1:
+                raise BadInput(f"{photo}: holds {len(read.profiles)} profiles over time; give that of the bed at rest.")
+            understood = understood or read.understood.to_json()
+            seen.append(Observation(replace(read.profiles[0], view=photo.stem)))
+            source = "profile table" if camera.given_scale is None else camera.scale_from
+            views.append({"scale_m_per_px": camera.given_scale, "scale_from": source, "camera_roll_deg": None})
             beds.append(None)
             continue
         image, odd = read_photo(photo, camera)
@@ -127,6 +138,7 @@ def measure(
         warnings=(*warnings, *evaluation.warnings),
         camera=views[0] if len(views) == 1 else {**views[0], "views": views},
         profiles=tuple(each.profile for each in seen),
+        table=understood,
     )
     if out is None:
         return measurement

@@ -39,14 +39,14 @@ def observe(
             f"{photo}: no bed of beads in a cylinder was found; photograph it from the side with beads a dozen "
             "or more pixels wide, or give its place with --region x,y,width,height."
         )
-    scale, doubt, source = _scale(photo, bed, camera, cylinder, bead)
+    scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
     if bed.gauge is not None and source == "gauge":
         height = bed.gauge.reading(bed.gauge_rows(x, above)) * 1e-3
-        floor_doubt, floor_from = 0.15e-3, "gauge"
+        floor_uncertainty, floor_from = 0.15e-3, "gauge"
     else:
         height = above * scale
-        floor_doubt, floor_from = bed.floor_sigma * scale, "lowest beads"
+        floor_uncertainty, floor_from = bed.floor_sigma * scale, "lowest beads"
     steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
     # a camera above or below the surface sees its far or near side above the middle
@@ -54,10 +54,10 @@ def observe(
     spread = max(0.25 * steep[1] * math.hypot(2 * steep[0], math.sqrt(2) * steep[1]), 0.02) * grain
     profile = Profile(x * scale, height - raised, np.full(len(x), 0.8 * scale), view=photo.stem)
     mean = float(np.nanmean(height))
-    doubts = {
-        "scale": doubt * mean,
-        "floor": floor_doubt,
-        "outline level": bed.outline_doubt * scale,
+    uncertainties = {
+        "scale": uncertainty * mean,
+        "floor": floor_uncertainty,
+        "outline level": bed.outline_uncertainty * scale,
         "camera height": spread,
     }
     view = {
@@ -72,7 +72,12 @@ def observe(
         checks.append(roll_check(camera.roll, *bed.roll_seen, "the upright edges in the picture show"))
     misfit = failed(checks, STATED)
     observation = Observation(
-        profile, doubts, bed.flaw, misfit, _unconfirmed(bed, source, cylinder, bead), 2 * bed.bead_seen * scale / NEARER
+        profile,
+        uncertainties,
+        bed.flaw,
+        misfit,
+        _unconfirmed(bed, source, cylinder, bead),
+        2 * bed.bead_seen * scale / NEARER,
     )
     return bed, observation, view, checks
 
@@ -98,17 +103,17 @@ def _scale(
 ) -> tuple[float, float, str]:
     """Scale [m/px] in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_doubt(GIVEN_UNCERTAINTY), camera.scale_from
+        return camera.given_scale, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
-    doubt = WALL_UNCERTAINTY
+    uncertainty = WALL_UNCERTAINTY
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
         if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
             return pitch, GAUGE_UNCERTAINTY, "gauge"
         # rectangular distribution: the true scale lies anywhere between the two
-        doubt = math.hypot(WALL_UNCERTAINTY, (pitch / wall - 1) / math.sqrt(3))
+        uncertainty = math.hypot(WALL_UNCERTAINTY, (pitch / wall - 1) / math.sqrt(3))
     if wall is not None:
-        return wall, doubt, "cylinder diameter"
+        return wall, uncertainty, "cylinder diameter"
     if bead is not None:
         return NEARER * bead / (2 * bed.bead_seen), BEAD_UNCERTAINTY, "bead diameter"
     raise BadInput(

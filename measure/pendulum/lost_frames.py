@@ -16,7 +16,7 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.records import Track
-from rigtwin.measure.media.frame_loss import MOST, WILD, Loss, in_time
+from rigtwin.measure.media.frame_loss import MOST, OUTLIER, Loss, in_time
 from rigtwin.measure.pendulum.swing_fit import SwingFit, correlation, frame_interval, misses_of, slopes_of
 from rigtwin.measure.pendulum.swing_model import angles, positions
 
@@ -135,7 +135,7 @@ def _placed(times: Array, tracks: Sequence[Track], fit: SwingFit, losses: Sequen
         known = np.searchsorted(times, track.time)
         for side, shift in enumerate((0.0, loss.shift)):
             at = positions(fit.swings, angles(fit.swings, before[known] + shift)[0])[bead, :, 0]
-            off[side, known] += np.minimum(np.sum((track.position - at) ** 2, axis=1) / fit.noise**2, WILD**2)
+            off[side, known] += np.minimum(np.sum((track.position - at) ** 2, axis=1) / fit.noise**2, OUTLIER**2)
     total = np.cumsum(off[0])[:-1] + np.cumsum(off[1][::-1])[::-1][1:]
     index = int(np.argmin(total)) + 1
     hit = float(fit.swings["time_0"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,11 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity, doubted, failed
-from rigtwin.lab.records import read_tracks, write_tracks
+from rigtwin.lab.records import Track, write_tracks
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.tracked.read import read_bodies
+from rigtwin.lab.tracked.table import TableOptions, is_table
+from rigtwin.lab.tracked.upright import by_swing
 from rigtwin.measure.media.duplicate_frames import without_repeats
 from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.pendulum.checks import (
@@ -20,7 +25,7 @@ from rigtwin.measure.pendulum.checks import (
     timing_check,
     view_checks,
 )
-from rigtwin.measure.pendulum.evaluate import SHADING, Variant, in_order, judge
+from rigtwin.measure.pendulum.evaluate import SHADING, Variant, in_order, judge, outcomes_of
 from rigtwin.measure.pendulum.figures import picture_view, write_overlay, write_plot, write_still
 from rigtwin.measure.pendulum.observe import (
     GROUND,
@@ -33,7 +38,7 @@ from rigtwin.measure.pendulum.observe import (
     watch,
     watch_wall,
 )
-from rigtwin.measure.pendulum.swing_fit import SwingFit
+from rigtwin.measure.pendulum.swing_fit import SwingFit, onset
 from rigtwin.measure.pendulum.swing_model import turning_points
 
 UNCONFIRMED = (
@@ -49,6 +54,7 @@ def measure(
     length: float | None = None,
     bead_diameter: float | None = None,
     bead_mass: float | None = None,
+    table: TableOptions | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -59,9 +65,9 @@ def measure(
     Parameters
     ----------
     clip : Path
-        Video or stack of images; or a record as ``.csv`` with columns time_s, x_m, y_m and particle.
+        Video or stack of images; or a table with the tracks of the beads (`rigtwin.lab.tracked`).
     camera : Camera
-        Frame rate, scale, roll and search region, as far as known; not used for a record.
+        Frame rate, scale, roll and search region, as far as known; of a table only frame rate and scale.
     variant : {"double", "wall"}
         Second bead or wall.
     length : float, optional
@@ -70,6 +76,8 @@ def measure(
         Diameter of the beads [m].
     bead_mass : float, optional
         Mass of a bead [kg].
+    table : TableOptions, optional
+        Columns and joined tracks of a table.
     out : Path, optional
         Folder for the annotated video, pictures, plot and track; None writes no files.
     progress : Progress, optional
@@ -98,9 +106,16 @@ def measure(
     ----------
     Hlosta et al. (2020), fig. 3c.
     """
-    if clip.suffix.lower() == ".csv":
-        return _measure_record(
-            clip, variant=variant, length=length, bead_diameter=bead_diameter, bead_mass=bead_mass, out=out
+    if is_table(clip):
+        return _measure_table(
+            clip,
+            camera,
+            table,
+            variant=variant,
+            length=length,
+            bead_diameter=bead_diameter,
+            bead_mass=bead_mass,
+            out=out,
         )
     video = without_repeats(open_video(clip, camera), progress)
     film = (watch_wall if variant == "wall" else watch)(video, camera, length, progress)
@@ -147,8 +162,10 @@ def measure(
     )
 
 
-def _measure_record(
+def _measure_table(
     record: Path,
+    camera: Camera,
+    options: TableOptions | None,
     *,
     variant: Variant,
     length: float | None,
@@ -156,23 +173,53 @@ def _measure_record(
     bead_mass: float | None,
     out: Path | None,
 ) -> Measurement:
-    tracks = read_tracks(record)
-    fit = fit_clip(record, in_order(tracks, variant))
-    evaluation = judge(fit, length, bead_diameter, bead_mass)
+    read = read_bodies(record, options, scale=camera.given_scale, frame_rate=camera.frame_rate, direction=by_swing)
+    tracks = in_order(_named(read.tracks), variant)
+    fit = fit_clip(record, tracks)
+    view: dict[str, object] = {}
+    warnings: tuple[str, ...] = ()
+    if read.unit != "m":
+        found = fit.propagate(outcomes_of)
+        known = length is not None
+        scale = length / found["length"].value if length is not None else GRAVITY / found["gravity"].value
+        tracks = tuple(replace(each, position=scale * each.position, sigma=scale * each.sigma) for each in tracks)
+        fit = fit_clip(record, tracks)
+        per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
+        view = {per: scale, "scale_from": "pendulum length" if known else "gravity"}
+        warnings = () if known else (UNCONFIRMED,)
+    elif camera.given_scale is not None:
+        view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
+    evaluation = judge(fit, None if view.get("scale_from") == "pendulum length" else length, bead_diameter, bead_mass)
     files = {}
     if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
         files["plot"] = out / f"{record.stem}-plot.svg"
         write_plot(files["plot"], fit)
+    by_gravity = view.get("scale_from") == "gravity"
     return Measurement(
         "pendulum",
         record,
         sha256(record),
         evaluation.quantities,
-        evaluation.checks,
-        evaluation.warnings,
+        tuple(each for each in evaluation.checks if each.check != "gravity" or not by_gravity),
+        (*warnings, *evaluation.warnings, *read.understood.proposals),
+        camera=view,
         tracks=tracks,
+        table=read.understood.to_json(),
         files=files,
     )
+
+
+def _named(tracks: Sequence[Track]) -> tuple[Track, ...]:
+    """Two tracks of other names as A, which moves first, and B."""
+    if len(tracks) != 2 or {"A", "B"} <= {track.body.strip().upper() for track in tracks}:
+        return tuple(tracks)
+    starts = [onset(track) for track in tracks]
+    moved = [
+        math.inf if start is None else float(track.time[start]) for track, start in zip(tracks, starts, strict=True)
+    ]
+    first = 0 if moved[0] <= moved[1] else 1
+    return replace(tracks[first], body="A"), replace(tracks[1 - first], body="B")
 
 
 def _write(

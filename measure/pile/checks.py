@@ -35,13 +35,13 @@ def uneven_flanks(profile: Profile, heap: repose_angles.Heap) -> str:
     left, right = (repose_angles.flank_line(heap, side) for side in repose_angles.SIDES)
     if left is None or right is None:
         return ""
-    doubt = math.hypot(*(repose_angles.roughness_doubt(heap, side) for side in repose_angles.SIDES))
+    uncertainty = math.hypot(*(repose_angles.roughness_uncertainty(heap, side) for side in repose_angles.SIDES))
     difference = left.angle - right.angle
-    if abs(difference) < 2.5 * doubt + 1.0:
+    if abs(difference) < 2.5 * uncertainty + 1.0:
         return ""
     return (
-        f"left minus right flank ({profile.view}) is {difference:+.1f} deg, grain roughness explains {doubt:.1f} deg: "
-        "the heap is uneven, or its base is not level; take more views to average over."
+        f"left minus right flank ({profile.view}) is {difference:+.1f} deg, grain roughness explains "
+        f"{uncertainty:.1f} deg: the heap is uneven, or its base is not level; take more views to average over."
     )
 
 
@@ -103,9 +103,9 @@ def sizes_against_base(free: Silhouette | None, stated: float) -> str:
     )
 
 
-def base_check(seen: float, scale_doubt: float, stated: float, scale_from: str) -> Check:
+def base_check(seen: float, scale_uncertainty: float, stated: float, scale_from: str) -> Check:
     """Check the apparent width of the base against the stated one [m]; angles need neither."""
-    passed = abs(seen / stated - 1) < 3 * math.hypot(scale_doubt, BASE_UNCERTAINTY)
+    passed = abs(seen / stated - 1) < 3 * math.hypot(scale_uncertainty, BASE_UNCERTAINTY)
     message = (
         f"by the scale from {scale_from} the base is {seen * 1e3:.1f} mm wide, {stated * 1e3:.1f} mm are stated"
         f"{'.' if passed else ': the scale or the stated base is wrong, and so are heights and widths.'}"

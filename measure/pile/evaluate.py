@@ -40,7 +40,7 @@ class Observation:
     flaw: str = ""  # why the outline is unreliable
     grain: float | None = None  # bead diameter, in the unit of the profile
     checks: tuple[Check, ...] = ()  # of the photo
-    scale_doubt: float = 0.0  # relative standard uncertainty of the scale
+    scale_uncertainty: float = 0.0  # relative standard uncertainty of the scale
     unconfirmed: str = ""  # warning about a stated size that nothing in the picture confirms
     notes: tuple[str, ...] = ()  # warnings about the photo's file
 
@@ -110,11 +110,11 @@ def evaluate_views(
         if len(observations) > 1:
             found = [replace(one, detail={**one.detail, "view": seen.profile.view}) for one in found]
         quantities += found
-        doubts = sorted({one.doubtful for one in found if one.doubtful})
+        reasons = sorted({one.doubtful for one in found if one.doubtful})
         doubtful.append(any(one.doubtful for one in found if one.quantity == GRAPHICAL))
         warnings += seen.notes
         whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
-        warnings += [whose + doubt for doubt in doubts]
+        warnings += [whose + reason for reason in reasons]
         if seen.unconfirmed and seen.unconfirmed not in warnings:
             warnings.append(seen.unconfirmed)
         uneven = uneven_flanks(seen.profile, heap)
@@ -169,7 +169,7 @@ def _quantities_of_view(
     limited = _base_limited(seen.profile, heap, base_diameter)
     bare = "" if limited else _bare_base(heap)
     grainy = {
-        side: (repose_angles.roughness_doubt(heap, side), repose_angles.window_doubt(heap, side))
+        side: (repose_angles.roughness_uncertainty(heap, side), repose_angles.window_uncertainty(heap, side))
         for side in repose_angles.SIDES
     }
     quantities = []
@@ -178,11 +178,11 @@ def _quantities_of_view(
             part: _spread([other.get((name, method, side), angle) for other in pair], angle)
             for part, pair in varied.items()
         }
-        budget |= _definition_doubt(heap, grainy, angles, name, method, side)
+        budget |= _definition_uncertainty(heap, grainy, angles, name, method, side)
         if name == GEOMETRIC and side == "mean" and base_diameter is not None and seen.profile.base is None:
             # change of atan(2 H / B) or atan(4 S / B^2) by an error of the scale: H and S are measured, B is stated
             slant = math.sin(2 * math.radians(angle)) * (0.5 if method == "apex" else 1.0)
-            budget["scale"] = math.degrees(slant * seen.scale_doubt)
+            budget["scale"] = math.degrees(slant * seen.scale_uncertainty)
         if flaw:
             budget["unreliable outline"] = FLAWED
         budget = {part: value for part, value in budget.items() if math.isfinite(value) and value > 0}
@@ -203,7 +203,7 @@ def _quantities_of_view(
     return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw)]
 
 
-def _definition_doubt(
+def _definition_uncertainty(
     heap: repose_angles.Heap,
     grainy: Mapping[str, tuple[float, float]],
     angles: Mapping[tuple[str, str, str], float],
@@ -224,10 +224,10 @@ def _definition_doubt(
     tangent = math.tan(math.radians(angles[name, method, side]))
     # the foot is uncertain by a quarter of a grain
     per_grain = math.hypot(_summit_scatter(tangent), 0.0 if side == "mean" else 0.25 * tangent) * heap.grain / reach
-    doubt = {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
+    uncertainties = {"grain at apex and foot": math.degrees(per_grain / (1 + tangent * tangent))}
     if side != "mean":
-        doubt["place of the apex"] = math.degrees(tangent / (1 + tangent * tangent) * heap.apex_spread / reach)
-    return doubt
+        uncertainties["place of the apex"] = math.degrees(tangent / (1 + tangent * tangent) * heap.apex_spread / reach)
+    return uncertainties
 
 
 def _summit_scatter(tangent: float) -> float:
@@ -261,8 +261,8 @@ def _lengths(seen: Observation, heap: repose_angles.Heap, grain: float | None, f
     def length(name: str, value: float, method: str, share: float) -> Quantity:
         budget = {"grain at apex and foot": 0.25 * heap.grain} if share else {"grain roughness": 0.3 * value}
         scales = [repose_angles.find_parts(profile, None, grain) for pair in seen.variants.values() for profile in pair]
-        if seen.scale_doubt:
-            budget["scale"] = seen.scale_doubt * value
+        if seen.scale_uncertainty:
+            budget["scale"] = seen.scale_uncertainty * value
         if name == "pile_height" and scales:
             budget["outline and base line"] = float(np.std([part.apex[1] for part in scales if part is not None]))
         if flaw:
@@ -329,7 +329,7 @@ def _combined(name: str, method: str, ones: Sequence[Quantity]) -> Quantity:
     detail["view"] = "all"
     if not alone:
         detail["standard_deviation"] = deviation
-    doubts = "; ".join(sorted({one.doubtful for one in ones if one.doubtful}))
+    reasons = "; ".join(sorted({one.doubtful for one in ones if one.doubtful}))
     return Quantity(
         name,
         float(values.mean()),
@@ -339,7 +339,7 @@ def _combined(name: str, method: str, ones: Sequence[Quantity]) -> Quantity:
         len(values),
         detail,
         budget,
-        doubts,
+        reasons,
     )
 
 

@@ -128,5 +128,5 @@ def _labels(evaluation: Evaluation) -> list[str]:
         ones = [one for one in evaluation.quantities if (one.quantity, one.method) == (quantity, method)]
         name = f"angle of repose, {quantity.rsplit('_', 1)[1]} ({method}), ± standard uncertainty"
         texts.append(f"{name}: {', '.join(words(one) for one in ones)}")
-    doubts = sorted({one.doubtful for one in evaluation.quantities if one.doubtful})
-    return texts + [f"doubtful: {doubt}" for doubt in doubts]
+    reasons = sorted({one.doubtful for one in evaluation.quantities if one.doubtful})
+    return texts + [f"doubtful: {reason}" for reason in reasons]

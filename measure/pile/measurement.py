@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import all_different, sha256
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.pile.evaluate import evaluate_views
 from rigtwin.measure.pile.observe import NO_SCALE, Draw, observe_photo, observe_table
 
@@ -21,6 +23,7 @@ def measure(
     *,
     base_diameter: float | None = None,
     bead_diameter: float | None = None,
+    table: TableOptions | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -29,13 +32,15 @@ def measure(
     Parameters
     ----------
     photos : sequence of Path
-        One photo per view.  A file with suffix ``.csv`` is read as a finished profile (columns ``x_m``, ``height_m``).
+        One photo per view.  A table is read as a finished profile (`rigtwin.lab.tracked`).
     camera : Camera
         Scale, roll, region and other settings of the camera.
     base_diameter : float, optional
         Diameter of the disc that the heap stands on [m].
     bead_diameter : float, optional
         Bead diameter [m].
+    table : TableOptions, optional
+        Columns of a table.
     out : Path, optional
         Folder for overlay, plot and profile table.
     progress : Progress
@@ -69,14 +74,15 @@ def measure(
     observations, views, draws = [], [], []
     for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
         progress("looking for the heap", number, len(photos))
-        if photo.suffix.lower() == ".csv":
-            seen, view, draw = observe_table(photo, name, base_diameter)
+        if is_table(photo):
+            seen, view, draw = observe_table(photo, name, camera, table, base_diameter)
         else:
             seen, view, draw = observe_photo(photo, name, camera, base_diameter, bead_diameter)
         observations.append(seen)
         views.append(view)
         draws.append(draw)
     progress("looking for the heap", len(photos), len(photos))
+    understood: dict[str, Any] = next((tabled for view in views if (tabled := view.pop("table", None))), {})
     scaled = all(view["scale_from"] != NO_SCALE for view in views)
     evaluation = evaluate_views(observations, base_diameter if scaled else None, bead_diameter if scaled else None)
     warnings = list(evaluation.warnings)
@@ -94,6 +100,7 @@ def measure(
         checks=evaluation.checks,
         warnings=tuple(warnings),
         camera=views[0] if len(views) == 1 else {**views[0], "views": views},
+        table=understood,
         profiles=tuple(seen.profile for seen in observations) if scaled else (),
         files={} if out is None else _drawn(draws, out),
     )

@@ -15,9 +15,11 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import failed
-from rigtwin.lab.records import Profile, read_profile
+from rigtwin.lab.records import Profile
+from rigtwin.lab.tracked.read import read_profiles
+from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.bulk.hidden_surface import glare_in, under_glare
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
@@ -56,8 +58,13 @@ STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degre
 DOUBTFUL_COVER = 0.83  # share of the heap covered by circles; below it the outline may belong to something else
 
 
-def observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[Observation, dict[str, Any], Draw]:
-    profile = replace(read_profile(path), view=name)
+def observe_table(
+    path: Path, name: str, camera: Camera, options: TableOptions | None, base_diameter: float | None
+) -> tuple[Observation, dict[str, Any], Draw]:
+    read = read_profiles(path, options, scale=camera.given_scale, heap=True)
+    if len(read.profiles) > 1:
+        raise BadInput(f"{path}: holds {len(read.profiles)} profiles over time; give the one of the heap at rest.")
+    profile = replace(read.profiles[0], view=name)
     if base_diameter is not None:
         profile = replace(profile, base=(-base_diameter / 2, base_diameter / 2))
 
@@ -66,7 +73,12 @@ def observe_table(path: Path, name: str, base_diameter: float | None) -> tuple[O
 
         return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")}
 
-    view = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
+    view = {
+        "scale_m_per_px": camera.given_scale,
+        "scale_from": "profile table" if camera.given_scale is None else camera.scale_from,
+        "camera_roll_deg": None,
+        "table": read.understood.to_json(),
+    }
     return Observation(profile), view, draw
 
 
@@ -91,9 +103,9 @@ def observe_photo(
     misfit = failed(sizes)
     if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
-        sizes = (*sizes, base_check(across, _scale_doubt(scale_from, camera), base_diameter, scale_from))
+        sizes = (*sizes, base_check(across, _scale_uncertainty(scale_from, camera), base_diameter, scale_from))
     if camera.roll is not None and found.disc is not None:
-        seen_turn = found.view.roll, found.base_line_doubt[1]
+        seen_turn = found.view.roll, found.base_line_uncertainty[1]
         sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base line of the angles shows"))
     heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
     hidden = _washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
@@ -103,7 +115,7 @@ def observe_photo(
         contradicted or _flaw_of_picture(found) or misfit or hidden,
         2 * found.bead_radius * unit,
         sizes,
-        _scale_doubt(scale_from, camera),
+        _scale_uncertainty(scale_from, camera),
         unconfirmed,
         odd,
     )
@@ -151,10 +163,10 @@ def _scale(
     return None, NO_SCALE
 
 
-def _scale_doubt(scale_from: str, camera: Camera) -> float:
+def _scale_uncertainty(scale_from: str, camera: Camera) -> float:
     """Relative standard uncertainty of the scale; 0 if there is no scale."""
     by_sizes = {"base diameter": BASE_UNCERTAINTY, "bead diameter": BEAD_UNCERTAINTY, NO_SCALE: 0.0}
-    return by_sizes.get(scale_from, camera.scale_doubt(GIVEN_UNCERTAINTY))
+    return by_sizes.get(scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY))
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:
@@ -172,17 +184,19 @@ def _profile(found: Silhouette, view: View, height: Array, unit: float, name: st
     return Profile(x * unit, level * unit, np.full(len(x), found.sigma * unit), base, name)
 
 
-def _variants(found: Silhouette, unit: float, name: str, focal_doubt: float) -> dict[str, tuple[Profile, Profile]]:
+def _variants(
+    found: Silhouette, unit: float, name: str, focal_uncertainty: float
+) -> dict[str, tuple[Profile, Profile]]:
     """Profiles of other readings of the photo, each pair one standard deviation to either side."""
     view, height = found.view, found.height
-    raised, turned = found.base_line_doubt
+    raised, turned = found.base_line_uncertainty
     pairs = {
         "outline level": ((view, found.looser), (view, found.stricter)),
         "base line height": ((view, height + raised), (view, height - raised)),
         "base line angle": ((view, height + turned * found.x), (view, height - turned * found.x)),
     }
     if found.disc is not None:
-        factor = math.exp(focal_doubt)
+        factor = math.exp(focal_uncertainty)
         (far, far_lift), (near, near_lift) = (
             _other_distance(view, found.disc, stretch) for stretch in (factor, 1 / factor)
         )

@@ -101,7 +101,7 @@ def steepest_third(heap: Heap, side: str) -> float | None:
     return max(angles) if angles else None
 
 
-def roughness_doubt(heap: Heap, side: str) -> float:
+def roughness_uncertainty(heap: Heap, side: str) -> float:
     """Standard uncertainty [deg] of the flank's slope from grain roughness: moving-block bootstrap of the residuals.
 
     Blocks are two grains long, so that the points of one grain are not treated as independent (Kuensch 1989).
@@ -125,7 +125,7 @@ def roughness_doubt(heap: Heap, side: str) -> float:
     return math.degrees(scatter * math.sqrt(grains / (grains - 2)) / (1 + slope * slope))
 
 
-def window_doubt(heap: Heap, side: str) -> float:
+def window_uncertainty(heap: Heap, side: str) -> float:
     """Standard deviation [deg] of the slope over other, equally valid windows."""
     lines = [flank_line(heap, side, window) for window in (WINDOW, *OTHER_WINDOWS)]
     angles = [line.angle for line in lines if line is not None]

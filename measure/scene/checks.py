@@ -31,10 +31,10 @@ def camera_by_scene(poses: Sequence[Pose]) -> Check | str:
     return static_camera(poses)
 
 
-def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: str = "", doubt: str = "") -> Check:
+def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: str = "", reason: str = "") -> Check:
     """Check that the camera stood still or that its shake was measured; fails if neither could be determined.
 
-    `vouched` is other evidence of a static camera, used if no frame registers to the background. `doubt` is evidence
+    `vouched` is other evidence of a static camera, used if no frame registers to the background. `reason` is evidence
     against it. Both are parts of the message.
     """
     from rigtwin.measure.scene.pose import shakes_of
@@ -42,10 +42,10 @@ def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: s
     placed = [pose for pose in poses if pose.placed]
     lost = 1 - len(placed) / max(len(poses), 1)
     if not placed:
-        message = f"{UNSEEN}; {vouched or ADVICE}{doubt}."
-        return Check("static_camera", bool(vouched) and not doubt, math.nan, 0.0, message)
+        message = f"{UNSEEN}; {vouched or ADVICE}{reason}."
+        return Check("static_camera", bool(vouched) and not reason, math.nan, 0.0, message)
     shake = float(np.max(np.std(shakes_of(placed), axis=0)))
-    ending = ("" if shake < STILL else "; it was measured and removed") + doubt
+    ending = ("" if shake < STILL else "; it was measured and removed") + reason
     if lost > MOST_LOST:
         ending += (
             f"; {100 * lost:.0f} % of the frames could not be registered to the background, their shift is unknown"
@@ -53,7 +53,7 @@ def static_camera(poses: Sequence[Pose], most: float = MOST_SHAKE, *, vouched: s
     ending += "." if shake < most else ". Use a tripod: so large a shake also rotates and tilts the view."
     return Check(
         "static_camera",
-        shake < most and lost <= MOST_LOST and not doubt,
+        shake < most and lost <= MOST_LOST and not reason,
         shake,
         0.0,
         f"camera shake: {shake:.2f} px (standard deviation){ending}",

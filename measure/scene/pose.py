@@ -26,7 +26,7 @@ class Pose:
     gain: float = 1.0
     offset: float = 0.0  # [grey levels]
     # [px], uncertainty of the shake: half the difference between the results of two halves of the background
-    doubt: tuple[float, float] = (0.0, 0.0)
+    uncertainty: tuple[float, float] = (0.0, 0.0)
     misfit: float = math.inf  # [grey levels], median absolute residual at the background's edges
     placed: bool = True  # False: the registration failed and the shake is only a guess
     beside: float = 0.0  # [grey levels], the same residual some pixels away from the found shift; 0: not computed
@@ -54,7 +54,7 @@ class Pose:
 
     def standing(self) -> Pose:
         """The same pose for a camera known to be static."""
-        return replace(self, shake=(0.0, 0.0), doubt=(0.0, 0.0))
+        return replace(self, shake=(0.0, 0.0), uncertainty=(0.0, 0.0))
 
 
 LOST = Pose(placed=False)
@@ -74,9 +74,9 @@ def stands_still(poses: Sequence[Pose]) -> bool:
     poses = [pose for pose in poses if pose.placed]
     if not poses:
         return True
-    shakes, doubts = shakes_of(poses), np.array([pose.doubt for pose in poses]).reshape(-1, 2)
+    shakes, uncertainties = shakes_of(poses), np.array([pose.uncertainty for pose in poses]).reshape(-1, 2)
     found = np.mean((shakes - np.median(shakes, axis=0)) ** 2, axis=0)
-    return bool(np.all(found < np.maximum(2 * np.mean(doubts**2, axis=0), STEADY**2)))
+    return bool(np.all(found < np.maximum(2 * np.mean(uncertainties**2, axis=0), STEADY**2)))
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def checks_of(way: Way, onset: Onset, variant: Variant, bead_diameter: float | N
 
 def _gravity_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
     """Whether the acceleration of the body agrees with gravity at this angle, or a text if that is not known."""
-    if not math.isfinite(way.scale_doubt):
+    if not math.isfinite(way.scale_uncertainty):
         return "frame rate not confirmed: that needs a scale for the acceleration; give the bead's diameter."
     sigma = _gain_sigma(way, onset)
     how = "slides" if variant == "slide" else "rolls"
@@ -112,7 +112,7 @@ def _variant_check(way: Way, onset: Onset, variant: Variant) -> Check | str:
     odds = _log_odds(way, onset, variant) - _log_odds(way, onset, instead)
     believed = odds > -LIKELY
     evidence = "the friction in motion"
-    if math.isfinite(way.scale_doubt):
+    if math.isfinite(way.scale_uncertainty):
         evidence = f"its acceleration and {evidence}"
     if not believed:
         message = f"by {evidence} the body seems to {instead}; give --variant {instead}."
@@ -148,7 +148,7 @@ def _log_odds(way: Way, onset: Onset, moving: Variant) -> float:
 
 
 def _gain_sigma(way: Way, onset: Onset) -> float:
-    return math.hypot(onset.gain_sigma, way.scale_doubt, 0.02)
+    return math.hypot(onset.gain_sigma, way.scale_uncertainty, 0.02)
 
 
 def _creep_check(onset: Onset, bead_diameter: float | None) -> Check:

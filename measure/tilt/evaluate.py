@@ -14,8 +14,8 @@ from rigtwin.lab.records import Series, Track
 from rigtwin.measure.tilt.checks import checks_of
 from rigtwin.measure.tilt.onset import (
     FACTOR,
-    LEAST_DOUBT,
     LEAST_TURN,
+    LEAST_UNCERTAINTY,
     USUAL_DRIFT,
     Onset,
     Run,
@@ -27,7 +27,7 @@ from rigtwin.measure.tilt.onset import (
 
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 
-GIVEN_DOUBT = 0.02  # relative standard uncertainty of a scale from a length in view, or of a tracked record
+GIVEN_UNCERTAINTY = 0.02  # relative standard uncertainty of a scale from a length in view, or of a tracked record
 
 WRONG_SCALE = 0.3  # relative misfit of the acceleration beyond which the scale is not used
 
@@ -102,7 +102,7 @@ def evaluate(
     Hlosta et al. (2020), eqs. 3 and 4.
     """
     check_variant(variant)
-    way = way_down(angle, tracks, variant, bead_diameter, scale_doubt=GIVEN_DOUBT)
+    way = way_down(angle, tracks, variant, bead_diameter, scale_uncertainty=GIVEN_UNCERTAINTY)
     run, onset = onset_of(way, "the record")
     return evaluate_run(way, run, onset, variant, bead_diameter)
 
@@ -113,7 +113,7 @@ def check_variant(variant: str) -> None:
 
 
 def way_down(
-    angle: Series, tracks: Sequence[Track], variant: Variant, bead_diameter: float | None, scale_doubt: float
+    angle: Series, tracks: Sequence[Track], variant: Variant, bead_diameter: float | None, scale_uncertainty: float
 ) -> Way:
     """Displacement of the body down the plate: its track rotated back by the plate's angle.
 
@@ -154,7 +154,7 @@ def way_down(
         np.mean(ways, axis=0)[seen],
         np.mean(sigmas, axis=0)[seen],
         FACTOR[variant],
-        scale_doubt,
+        scale_uncertainty,
         bead_diameter or USUAL_DRIFT,
         float(np.median([np.hypot(track.position[0, 0], track.position[0, 1]) for track in tracks])),
     )
@@ -176,9 +176,9 @@ def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
             f"{last:.1f} degrees; {advice}"
         )
     onset = find_onset(way, run)
-    if onset is not None and math.isfinite(way.scale_doubt) and abs(onset.gain - 1) > WRONG_SCALE:
+    if onset is not None and math.isfinite(way.scale_uncertainty) and abs(onset.gain - 1) > WRONG_SCALE:
         # a wrong scale must not shift the onset: fit it freely
-        onset = find_onset(replace(way, scale_doubt=math.inf), run)
+        onset = find_onset(replace(way, scale_uncertainty=math.inf), run)
     if onset is None:
         raise NothingToMeasure(
             f"{whose}: the body is already moving, or hardly seen, when it starts down the plate at "
@@ -213,9 +213,9 @@ def evaluate_run(
         _quantity(f"{name}_angle", math.degrees(onset.angle), "deg", degrees),
         _quantity("onset_time", onset.time, "s", {"onset": onset.time_sigma, **(timing or {})}),
     ]
-    if variant == "slide" and math.isfinite(way.scale_doubt):
+    if variant == "slide" and math.isfinite(way.scale_uncertainty):
         # kinetic friction is the slope minus the acceleration over g, which is proportional to the scale
-        scale = min(way.scale_doubt, LEAST_DOUBT) * abs(math.tan(onset.angle) - onset.moving_friction)
+        scale = min(way.scale_uncertainty, LEAST_UNCERTAINTY) * abs(math.tan(onset.angle) - onset.moving_friction)
         turned = {part: slope * value for part, value in geometry.items()}
         moving = {"acceleration": onset.moving_sigma, "scale": scale, **turned}
         quantities.append(

@@ -13,12 +13,14 @@ from rigtwin.lab.checksums import sha256
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Measurement, doubted
 from rigtwin.lab.records import Series, Track
+from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.media.compression import compression_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import open_video
 from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
 from rigtwin.measure.tilt.film_checks import portrait_check, shape_check, view_checks
+from rigtwin.measure.tilt.measure_table import measure_table
 from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, by_the_run, gauge_of, record, watch
 from rigtwin.measure.tilt.onset import (
     Onset,
@@ -37,6 +39,8 @@ def measure(
     variant: Variant,
     bead_diameter: float | None = None,
     arm_length: float | None = None,
+    table: TableOptions | None = None,
+    angle: Path | None = None,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -45,7 +49,7 @@ def measure(
     Parameters
     ----------
     clip : Path
-        Video or stack of images, seen from the side.
+        Video or stack of images, seen from the side; or a table with the body's track (`rigtwin.lab.tracked`).
     camera : Camera
         Frame rate, scale and roll, as far as known.  Without a roll the base plate under the arm is taken to be level.
     variant : {"slide", "roll"}
@@ -54,6 +58,11 @@ def measure(
         Diameter of the bead [m].
     arm_length : float, optional
         Length of the arm from hinge to tip [m].
+    table : TableOptions, optional
+        Columns and joined tracks of a table.
+    angle : Path, optional
+        Table of the plate's angle over time, where the table of the track has none; by default ``NAME-angle.csv``
+        beside ``NAME-track.csv``.
     out : Path, optional
         Folder for the annotated video, pictures, plot and records; None writes no files.
     progress : Progress, optional
@@ -85,24 +94,26 @@ def measure(
     Hlosta et al. (2020), eqs. 3 and 4.
     """
     check_variant(variant)
+    if is_table(clip):
+        return measure_table(clip, camera, table, variant=variant, bead_diameter=bead_diameter, angle=angle, out=out)
     video = at_its_pace(open_video(clip, camera), progress)
     film = watch(video, camera, progress)
     gauge = gauge_of(film, camera, bead_diameter, arm_length)
 
     def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
         """Return the record of the film at this scale, and the run and onset in it."""
-        angle, track = record(film, gauge)
-        way = way_down(angle, [track], variant, bead_diameter, gauge.doubt)
-        return angle, track, way, *onset_of(way, str(clip))
+        plate, track = record(film, gauge)
+        way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
+        return plate, track, way, *onset_of(way, str(clip))
 
-    angle, track, way, run, onset = read(film, gauge)
+    plate, track, way, run, onset = read(film, gauge)
     by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
     if np.any(film.missing != by_turn_alone.missing):
-        angle, track, way, run, onset = read(film, gauge)
-    if not math.isfinite(gauge.doubt):
+        plate, track, way, run, onset = read(film, gauge)
+    if not math.isfinite(gauge.uncertainty):
         # only now, as it depends on the square of all times
         gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
-        angle, track, way, run, onset = read(film, gauge)
+        plate, track, way, run, onset = read(film, gauge)
     geometry = {
         "level": gauge.level.sigma,
         "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
@@ -141,10 +152,10 @@ def measure(
             "camera_roll_from": gauge.level.source,
         },
         tracks=(track,),
-        series=(angle,),
+        series=(plate,),
     )
     if out is None:
         return measurement
     from rigtwin.measure.tilt.figures import write_pictures
 
-    return replace(measurement, files=write_pictures(out, measurement, video, film, way, onset, angle, progress))
+    return replace(measurement, files=write_pictures(out, measurement, video, film, way, onset, plate, progress))

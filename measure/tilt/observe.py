@@ -22,7 +22,7 @@ from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tilt.body_track import SATURATED, Arrival, RestingBody, Step, find_body, follow, glare
 from rigtwin.measure.tilt.checks import BEGIN_EARLIER, LEAST_REST
-from rigtwin.measure.tilt.evaluate import GIVEN_DOUBT
+from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY
 from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
 from rigtwin.measure.tilt.occluders import in_front
 from rigtwin.measure.tilt.onset import (
@@ -44,7 +44,7 @@ AT_REST = 0.1  # [px], displacement up to which it has not left them
 
 NO_LEVEL = math.radians(1.0)  # standard uncertainty of an unknown camera roll
 
-BEAD_DOUBT = 0.12  # relative standard uncertainty of a scale from the outline of a body on the plate
+BEAD_UNCERTAINTY = 0.12  # relative standard uncertainty of a scale from the outline of a body on the plate
 
 MOST_WHITE = 0.25  # share of white pixels beyond which the picture is overexposed: more is no highlight
 
@@ -90,7 +90,7 @@ class Gauge:
     """Scale and horizontal."""
 
     scale: float  # [m/px]
-    doubt: float  # relative standard uncertainty; infinite without a scale
+    uncertainty: float  # relative standard uncertainty; infinite without a scale
     source: str
     level: Horizontal
 
@@ -234,15 +234,15 @@ def gauge_of(film: Film, camera: Camera, bead_diameter: float | None, arm_length
     """Scale and horizontal; the scale is that of the camera, else from the arm, else from the bead."""
     level = _horizontal(film, camera)
     if camera.given_scale is not None:
-        doubt = camera.scale_doubt(GIVEN_DOUBT)
-        return Gauge(camera.given_scale, doubt, camera.scale_from, level)
+        uncertainty = camera.scale_uncertainty(GIVEN_UNCERTAINTY)
+        return Gauge(camera.given_scale, uncertainty, camera.scale_from, level)
     if arm_length is not None:
         tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]
         # 5 %: the front of the arm is nearer to the camera than the body on its middle
         return Gauge(arm_length / tip, 0.05, "arm length", level)
     if bead_diameter is not None:
         # the height is used, as a clump is one bead high; no circle is fitted, as glare leaves notches in the outline
-        return Gauge(bead_diameter / film.body.size[1], BEAD_DOUBT, "bead diameter", level)
+        return Gauge(bead_diameter / film.body.size[1], BEAD_UNCERTAINTY, "bead diameter", level)
     return Gauge(NOMINAL, math.inf, "not known", level)
 
 

@@ -41,7 +41,7 @@ CREEP_STARTS, CREEP_SHAPES = (
 )  # number of start times and of shapes (constant or growing speed) of creep that are tried
 PARTS = 4  # number of parts of the angle's record for its uncertainty
 FLOOR = 1e-7  # [m], lower limit of the noise, below that of any film
-LEAST_DOUBT = 0.15  # lower limit of the relative uncertainty of the scale: a wrong scale must not shift the onset
+LEAST_UNCERTAINTY = 0.15  # lower limit of the relative uncertainty of the scale: a wrong scale must not shift the onset
 LEAST_RUN = 0.25  # minimum displacement of a run over `Way.drift`
 WORSE = 1.5  # ratio of noise in the run to noise at rest beyond which they are treated separately
 FAR = 0.002  # added noise over displacement: tracking is worse when rotation and lighting have changed
@@ -56,7 +56,7 @@ class Way:
     down: Array  # [m], shape (n,), along the plate, positive downhill
     sigma: Array  # [m], shape (n,), one standard deviation of `down`; NaN where unknown
     factor: float  # 1 sliding, 5/7 rolling
-    scale_doubt: float  # relative standard uncertainty of lengths; infinite when there is no scale
+    scale_uncertainty: float  # relative standard uncertainty of lengths; infinite when there is no scale
     drift: float  # [m], standard uncertainty of the axis about which the displacement was measured
     reach: float  # [m], initial distance of the body from that axis
 
@@ -147,7 +147,7 @@ def smooth_angle(time: Array, angle: Array) -> Array:
     return np.asarray(make_smoothing_spline(when, level, count / together)(time))
 
 
-def smoothing_doubt(time: Array, angle: Array, places: Array) -> float:
+def smoothing_uncertainty(time: Array, angle: Array, places: Array) -> float:
     """Standard uncertainty of the smoothed angle at times `places` [s], from the scatter between parts of the record.
 
     Every `PARTS`-th point makes one part; the uncertainty of their mean is their scatter over sqrt(PARTS).
@@ -183,7 +183,7 @@ class _Table:
     sigma: Array  # [m], total standard deviation
     kept: npt.NDArray[np.bool_]  # points that are no outliers
     factor: float
-    scale_doubt: float
+    scale_uncertainty: float
     drift: float
     slow: float  # [m/s], prior standard deviation of the speed of creep
     early: float  # [s], earliest onset that is tried
@@ -255,7 +255,7 @@ def _window(way: Way, run: Run) -> _Table | None:
         np.hypot(noise * own, far),
         np.ones(len(time), dtype=bool),
         way.factor,
-        way.scale_doubt,
+        way.scale_uncertainty,
         way.drift,
         SLOW * run.total / length,
         max(start - 1.2 * length - 8 * step, float(time[2])),
@@ -353,7 +353,7 @@ def _under_way(table: _Table, found: _Candidates) -> float:
         [np.ones_like(time), table.angle - table.angle[0], pull * sine, -pull * cosine, time - time[0]], axis=1
     )
     mean = np.array([0.0, 0.0, 1.0, 0.0, 0.0])
-    certain = np.array([0.0, 1 / table.drift, 1 / max(table.scale_doubt, LEAST_DOUBT), 0.0, 0.0])
+    certain = np.array([0.0, 1 / table.drift, 1 / max(table.scale_uncertainty, LEAST_UNCERTAINTY), 0.0, 0.0])
     weighted = columns / table.sigma[:, None]
     size = np.sqrt(np.sum(weighted**2, axis=0) + certain**2)
     rows = np.vstack([weighted / size, np.diag(certain / size)])
@@ -377,7 +377,7 @@ def _solved(table: _Table, onsets: Array, columns: Array, creep_from: float) -> 
     # priors: gain from the scale; axis from the uncertainty of the hinge; creep is slow against the run; friction jumps
     # by less than 1
     mean = np.array([0.0, 0.0, 1.0, 0.0, 0.0])[places]
-    gain = 1 / max(table.scale_doubt, LEAST_DOUBT) ** 2
+    gain = 1 / max(table.scale_uncertainty, LEAST_UNCERTAINTY) ** 2
     certain = np.array([0.0, 1 / table.drift**2, gain, 1 / table.slow**2, 1.0])[places]
     weighted = columns / table.sigma
     size = np.sqrt(np.sum(weighted**2, axis=2) + certain) + 1e-300
@@ -477,7 +477,7 @@ def _summary(way: Way, table: _Table, found: _Candidates, noise: float, under_wa
         time,
         math.hypot(time_sigma, grid / 3),
         angle,
-        math.hypot(angle_sigma, rate * grid / 3, smoothing_doubt(way.time, way.angle, table.time)),
+        math.hypot(angle_sigma, rate * grid / 3, smoothing_uncertainty(way.time, way.angle, table.time)),
         moving,
         moving_sigma,
         gain,

@@ -23,7 +23,7 @@ STILL = 0.01  # [px], streak of a bead at rest; 0 would mean unknown
 LEAST_WAY = 2.0  # [px/frame], minimum displacement for a visible streak
 EVEN = 0.35  # largest relative change of the displacement between frames; at a bounce it is larger
 MOST_STREAKS = 10  # number of frames used, those with the longest displacement
-STREAK_DOUBT = 0.5  # [px], standard uncertainty of a streak's length, as shading and gloss differ from the model
+STREAK_UNCERTAINTY = 0.5  # [px], standard uncertainty of a streak's length, as shading and gloss differ from the model
 
 
 @dataclass(frozen=True)
@@ -34,26 +34,26 @@ class Shutter:
     """
 
     share: float = 0.0
-    doubt: float = math.inf  # standard uncertainty of `share`
+    uncertainty: float = math.inf  # standard uncertainty of `share`
 
     @property
-    def told(self) -> bool:
+    def measured(self) -> bool:
         """Whether the exposure time is known, i.e. something moved fast enough."""
-        return math.isfinite(self.doubt)
+        return math.isfinite(self.uncertainty)
 
     def streak(self, way: tuple[float, float]) -> tuple[float, float]:
         """Streak [px] of a bead with this displacement per frame [px]; (0, 0) if unknown."""
-        if not self.told:
+        if not self.measured:
             return 0.0, 0.0
         x, y = self.share * way[0], self.share * way[1]
         return (x, y) if x or y else (STILL, STILL)
 
-    def streak_doubt(self, way: tuple[float, float]) -> float:
+    def streak_uncertainty(self, way: tuple[float, float]) -> float:
         """Standard uncertainty of the streak's length [px]."""
-        return self.doubt * math.hypot(*way) if self.told else 0.0
+        return self.uncertainty * math.hypot(*way) if self.measured else 0.0
 
 
-NOT_TOLD = Shutter()
+NOT_MEASURED = Shutter()
 
 
 def fast_frames(path: SpotPath) -> dict[int, float]:
@@ -75,15 +75,15 @@ def shutter_of(tried: Array, misfits: Array, ways: Array) -> Shutter:
     """
     known = np.all(np.isfinite(misfits), axis=0)
     if np.count_nonzero(known) < 3:
-        return NOT_TOLD
+        return NOT_MEASURED
     shares, sharpness = np.array([_liked_best(tried, column) for column in misfits[:, known].T]).T
     ways = ways[known]
     if np.sum(sharpness) <= 0:
-        return NOT_TOLD
+        return NOT_MEASURED
     share = _weighted_median(shares, sharpness)
     scatter = 1.4826 * _weighted_median(np.abs(shares - share), sharpness)
     count = float(np.sum(sharpness) ** 2 / np.sum(sharpness**2))
-    return Shutter(share, math.hypot(scatter / math.sqrt(count), STREAK_DOUBT / float(np.max(ways))))
+    return Shutter(share, math.hypot(scatter / math.sqrt(count), STREAK_UNCERTAINTY / float(np.max(ways))))
 
 
 def _liked_best(tried: Array, misfit: Array) -> tuple[float, float]:

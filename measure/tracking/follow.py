@@ -36,7 +36,7 @@ from rigtwin.measure.tracking.detect import Box
 from rigtwin.measure.tracking.exposure_time import (
     CLOSER,
     LEAST_SHARE,
-    NOT_TOLD,
+    NOT_MEASURED,
     ROUGHLY,
     TRIED,
     Shutter,
@@ -86,8 +86,8 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
     first = _fit_cuts(few, scene, path.radius, progress=progress)
     good = [sighting for sighting in first if sighting.fit.image.sigma < max(0.3, 0.04 * path.radius)]
     if len(good) < 5:
-        return Chase(tuple(first), path, poses, NOT_TOLD, path.radius, scene, tuple(cuts), None, None)
-    shutter = NOT_TOLD
+        return Chase(tuple(first), path, poses, NOT_MEASURED, path.radius, scene, tuple(cuts), None, None)
+    shutter = NOT_MEASURED
     hidden = occluders(cuts, good, path.radius, scene)
     radius = float(np.median([sighting.image.radius for sighting in good]))
     # learn the look from slow frames; motion blur hides it in fast ones
@@ -100,7 +100,7 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
         look = common_look([sighting.fit for sighting in calm])
         radius = look.radius
         cuts, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, slow))
-        shutter = told_shutter(cuts, path, scene, look, hidden, shutter)
+        shutter = measured_shutter(cuts, path, scene, look, hidden, shutter)
     sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
     found = Chase(tuple(sightings), path, poses, shutter, radius, scene, tuple(cuts), look, hidden)
     return _steadied(found if look is None else _started_again(found))
@@ -303,7 +303,7 @@ def _fit_cuts(
     scene: Scene,
     radius: float,
     *,
-    shutter: Shutter = NOT_TOLD,
+    shutter: Shutter = NOT_MEASURED,
     hidden: Mask | None = None,
     look: Look | None = None,
     room: float | None = None,
@@ -321,7 +321,7 @@ def _fit_cuts(
             (cut.near[0] - cut.left, cut.near[1] - cut.top),
             radius,
             blur_guess=shutter.streak(cut.step),
-            blur_doubt=None if streaks_held else shutter.streak_doubt(cut.step),
+            blur_uncertainty=None if streaks_held else shutter.streak_uncertainty(cut.step),
             hidden=None if hidden is None else hidden[window],
             look=look,
             room=room,
@@ -343,18 +343,18 @@ def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None
     return 3 * (third.x - second.x) + first.x, 3 * (third.y - second.y) + first.y
 
 
-def told_shutter(
-    cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None, known: Shutter = NOT_TOLD
+def measured_shutter(
+    cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None, known: Shutter = NOT_MEASURED
 ) -> Shutter:
     """The exposure time with the smallest misfit in the fastest frames of a path, searched near `known` if set."""
     ways = fast_frames(path)
     fast = [cut for cut in cuts if cut.frame in ways]
     if len(fast) < 3:
-        return NOT_TOLD
-    tried = np.maximum(known.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1)) if known.told else TRIED
+        return NOT_MEASURED
+    tried = np.maximum(known.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1)) if known.measured else TRIED
     misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
     found = shutter_of(tried[: len(misfits)], misfits, np.array([ways[cut.frame] for cut in fast]))
-    return found if known.told else replace(found, doubt=math.hypot(found.doubt, ROUGHLY))
+    return found if known.measured else replace(found, uncertainty=math.hypot(found.uncertainty, ROUGHLY))
 
 
 def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None) -> Array:

@@ -76,7 +76,7 @@ def fit_bead(
     surely_near: bool = False,
     room: float | None = None,
     onwards: tuple[float, float] | None = None,
-    blur_doubt: float | None = 0.0,
+    blur_uncertainty: float | None = 0.0,
 ) -> BeadFit | None:
     """Fit the image of a bead near a guess.
 
@@ -103,7 +103,7 @@ def fit_bead(
         Margin for the motion blur [px]; default: half of `blur_guess`.
     onwards : tuple of float, optional
         Extrapolated centre x, y [px], another candidate for the start if `look` is given.
-    blur_doubt : float or None, optional
+    blur_uncertainty : float or None, optional
         Standard uncertainty of `blur_guess` [px], added to the minimum uncertainty of a guess; None: the guess is
         exact. Used only if `look` is given.
 
@@ -130,7 +130,7 @@ def fit_bead(
     if patch is None or start is None:
         return None
     pixels = Pixels(patch)
-    prior = _prior(pixels, start, look, patch, blur_doubt)
+    prior = _prior(pixels, start, look, patch, blur_uncertainty)
     if look is not None:
         places = [] if surely_near else [patch.near]
         prior = pixels.started_better(prior, places if onwards is None else [*places, patch.place(onwards)])
@@ -183,7 +183,7 @@ def _start(patch: Patch, blur_guess: tuple[float, float], look: Look | None) -> 
     return np.array([*patch.near, *(np.array(blur_guess) / patch.step), max(contrast, 1.0)])
 
 
-def _prior(pixels: Pixels, start: Array, look: Look | None, patch: Patch, blur_doubt: float | None) -> Prior:
+def _prior(pixels: Pixels, start: Array, look: Look | None, patch: Patch, blur_uncertainty: float | None) -> Prior:
     """Prior: wide for an unknown bead, narrow if its look is known.
 
     The width matters only if the pixels contain little information, e.g. radius and blur of a blurred bead are not
@@ -200,7 +200,7 @@ def _prior(pixels: Pixels, start: Array, look: Look | None, patch: Patch, blur_d
         mean = pixels.solve_light(np.array([*shape, *np.zeros(LIGHTS), *scene]), np.array(light_spread))
     else:
         shape = [x, y, look.radius / patch.step, max(look.edge / patch.step, 0.4), blur_x, blur_y]
-        off = _EXACT if blur_doubt is None else math.hypot(0.3 + 0.1 * blur, blur_doubt / patch.step)
+        off = _EXACT if blur_uncertainty is None else math.hypot(0.3 + 0.1 * blur, blur_uncertainty / patch.step)
         spread = [np.inf, np.inf, 0.01 * patch.radius, 0.1, off, off]
         # the light changes slightly along the path (shadows, bright plate)
         light_spread = [0.15 * contrast, 0.05 * contrast, 0.05 * contrast, 0.05 * contrast]

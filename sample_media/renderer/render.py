@@ -50,15 +50,15 @@ def main() -> None:
 def _render(rig: str, out: Path) -> None:
     if rig == "drop":
         for name in draw_drop.SETTINGS:
-            with _Told(f"drop/{name}.mp4"):
+            with _Progress(f"drop/{name}.mp4"):
                 write_clip(out / f"drop/{name}.mp4", draw_drop.clip(name), draw_drop.FRAME_RATE, crf=17)
     elif rig == "pendulum":
         for name in draw_pendulum.SETTINGS:
-            with _Told(f"pendulum/{name}.mp4"):
+            with _Progress(f"pendulum/{name}.mp4"):
                 write_clip(out / f"pendulum/{name}.mp4", draw_pendulum.clip(name), draw_pendulum.FRAME_RATE, crf=17)
     else:
         for name in draw_pile.VIEWS:
-            with _Told(f"pile/{name}.jpg"):
+            with _Progress(f"pile/{name}.jpg"):
                 write_photo(out / f"pile/{name}.jpg", draw_pile.photo(name), quality=88)
 
 
@@ -80,7 +80,7 @@ def _rounded(value: Any) -> Any:
     return float(f"{value:.8g}") if isinstance(value, float) else value
 
 
-class _Told:
+class _Progress:
     """Says on stderr what is being made and how long it took."""
 
     def __init__(self, what: str) -> None:

@@ -158,7 +158,7 @@ GAP = {"held_out_before": 5.0, "held_out_after": 1.1, "held_out_noise_floor": 1.
     [
         ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.044 ± 0.001 m", True),
         ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.06 ± 0.001 m", False),
-        ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.06 ± 0.01 m", True),  # within its doubt
+        ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.06 ± 0.01 m", True),  # within its uncertainty
         ("magnetic_pull", "strong", PULL.format("reach") + ", reach = 0.06 ± nan m", False),
         ("magnetic_pull", "strong", PULL.format("20 mm"), False),
         ("magnetic_pull", "weak", PULL.format("20 mm"), True),
@@ -169,8 +169,8 @@ GAP = {"held_out_before": 5.0, "held_out_after": 1.1, "held_out_noise_floor": 1.
 )
 def test_a_formula_is_right_by_its_terms_and_by_the_numbers_of_its_shape(effect, strength, form, right):
     truth = {"effects": [effect], "strength": strength}
-    told = Result(truth, Answer("unlisted", form=form, gap=GAP))
-    assert told.right_terms is right
-    assert told.right_law is right
+    result = Result(truth, Answer("unlisted", form=form, gap=GAP))
+    assert result.right_terms is right
+    assert result.right_law is right
     assert not Result(truth, Answer("unlisted", form=form, gap=GAP | {"held_out_after": 3.0})).right_law
     assert not Result(truth, Answer("named", names=("air_drag",), gap=GAP)).right_law

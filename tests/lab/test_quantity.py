@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, root_sum_of_squares
 
-# numbers below 1e-308 are zero wherever a library has told the processor so
+# numbers below 1e-308 are zero wherever a library has set the processor to flush them
 FLOATS = st.floats(allow_subnormal=False)
 
 

@@ -81,7 +81,7 @@ def test_a_unit_of_another_dimension_is_refused_with_name_text_and_example(unit,
     assert DIMENSIONS[dimension][1] in message
 
 
-def test_a_tilt_is_told_the_unit_of_a_tilt_and_takes_that_of_a_drum():
+def test_a_tilt_is_given_the_unit_of_a_tilt_and_takes_that_of_a_drum():
     for slip in ("2 deg", 2):
         with pytest.raises(BadQuantity, match="'2 deg/s'"):
             si(slip, "tilting_speed")

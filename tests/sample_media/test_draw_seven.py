@@ -33,9 +33,9 @@ def test_the_lab_holds_every_rig_once():
 
 
 def test_a_filling_that_was_counted_is_as_heavy_as_its_beads():
-    told = {one.id: known(one) for one in read_lab(LAB).experiments}
-    assert told["packing"]["total_mass"] == pytest.approx(530 * 0.071e-3)
-    assert told["hopper"]["total_mass"] == pytest.approx(400 * 0.071e-3)
+    stated = {one.id: known(one) for one in read_lab(LAB).experiments}
+    assert stated["packing"]["total_mass"] == pytest.approx(530 * 0.071e-3)
+    assert stated["hopper"]["total_mass"] == pytest.approx(400 * 0.071e-3)
 
 
 def test_the_drawn_bed_is_as_high_as_it_was_drawn(tmp_path):

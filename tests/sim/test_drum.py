@@ -143,8 +143,8 @@ def test_the_command_writes_profiles_angles_and_mixing_over_time_and_prints_the_
         assert np.array_equal(tables[f"drum-twin-{name}"]["time_s"], np.unique(surface["time_s"]))
     # the angle over time has the printed mean
     angles = tables["drum-twin-angle_of_repose_graphical"]["angle_of_repose_graphical_deg"]
-    told_angles = json.loads((out / "quantities.json").read_text())["quantities"]
-    mean = next(one for one in told_angles if one["quantity"] == "angle_of_repose_graphical")
+    angles_of_the_twin = json.loads((out / "quantities.json").read_text())["quantities"]
+    mean = next(one for one in angles_of_the_twin if one["quantity"] == "angle_of_repose_graphical")
     assert angles[1:].min() < mean["value"] < angles[1:].max()
     assert abs(angles[0]) < 0.7 * mean["value"]  # at rest its slope was smaller
 

@@ -23,8 +23,11 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.records import Track, read_tracks
+from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, DropSettings, PendulumSettings
+from rigtwin.lab.tracked.read import read_bodies
+from rigtwin.lab.tracked.table import is_table
+from rigtwin.lab.tracked.upright import by_fall, by_swing
 
 OPEN_HEIGHT, OPEN_ANGLE = 0.05, math.radians(5.0)
 """[m], [rad]: standard uncertainty of a release height or angle that is not stated but estimated from the tracks."""
@@ -103,17 +106,25 @@ def _kind(experiment: Experiment) -> tuple[str, bool]:
 
 def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -> tuple[Track, ...]:
     """One repetition in the axes of a lab.json."""
-    if views[0].suffix.lower() == ".csv":
-        return _upon_the_plate(read_tracks(views[0]), views[0], experiment) if rig == "drop" else read_tracks(views[0])
-    found = measure_repetition(experiment, views, None)
-    if isinstance(found, Failure):
-        raise BadInput(f"{found.source}: {found.message}")
+    if is_table(views[0]):
+        camera, direction = experiment.camera, by_fall if rig == "drop" else by_swing
+        found = read_bodies(
+            views[0],
+            scale=camera.given_scale,
+            frame_rate=camera.frame_rate,
+            direction=direction,
+            only_height=rig == "drop",
+        ).in_metres(views[0])
+        return _upon_the_plate(found, views[0], experiment) if rig == "drop" else found
+    measured = measure_repetition(experiment, views, None)
+    if isinstance(measured, Failure):
+        raise BadInput(f"{measured.source}: {measured.message}")
     radius = experiment.particle.diameter / 2
     # the origin of a measured drop is the bead's centre at first contact, that of pendulums the last bead at rest
     shift = np.array([0.0, radius])
     if isinstance(experiment.rig, PendulumSettings):
         shift = np.array([radius if rig == "double" else 0.0, -experiment.rig.length])
-    return tuple(_moved(track, shift) for track in found.tracks)
+    return tuple(_moved(track, shift) for track in measured.tracks)
 
 
 def _upon_the_plate(tracks: tuple[Track, ...], path: Path, experiment: Experiment) -> tuple[Track, ...]:

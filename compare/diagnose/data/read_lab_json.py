@@ -26,8 +26,9 @@ from rigtwin.compare.diagnose.data.tracked_lab import (
 from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.materials import no_bead_has
-from rigtwin.lab.records import Track, read_tracks
+from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.tracked.read import read_tracks
 
 LARGEST_BEAD = 0.5  # [m], largest accepted diameter; larger numbers are probably millimetres
 

@@ -12,7 +12,8 @@ from rigtwin.compare.diagnose.data.exclusions import sifted
 from rigtwin.compare.diagnose.data.tracked_lab import Bead, Camera, Condition, TrackedLab
 from rigtwin.compare.diagnose.diagnosis import diagnose
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.records import Track, read_tracks
+from rigtwin.lab.records import Track
+from rigtwin.lab.tracked.read import read_tracks
 
 G = 9.81
 RADIUS = 0.003

@@ -293,7 +293,7 @@ def test_a_text_that_never_ends_is_refused(folder):
     assert "not valid TOML" in message
 
 
-def test_of_several_slips_the_first_by_line_is_told_and_where_the_others_stand(folder):
+def test_of_several_slips_the_first_by_line_is_reported_and_where_the_others_stand(folder):
     message, text = refusal(
         folder, '[experiments.camera]\nframe_rate = "240 Hz"\nscale', "[experiments.camera]\nfps = 1\nscael"
     )
@@ -367,14 +367,14 @@ CAMERA_SAID_TWICE = {
 }
 
 
-@pytest.mark.parametrize(("lines", "told"), CAMERA_SAID_TWICE.items())
-def test_what_is_said_twice_of_the_camera_is_refused(tmp_path, lines, told):
+@pytest.mark.parametrize(("lines", "message"), CAMERA_SAID_TWICE.items())
+def test_what_is_said_twice_of_the_camera_is_refused(tmp_path, lines, message):
     new_lab(tmp_path)
     path = tmp_path / "lab.toml"
     path.write_text(path.read_text().replace("[experiments.camera] ", f"[experiments.camera]\n{lines}\n#", 1))
     for name in ("drop/r01.mp4", "board.png"):
         (tmp_path / name).touch()
-    with pytest.raises(BadLabFile, match=told):
+    with pytest.raises(BadLabFile, match=message):
         read_lab(tmp_path)
 
 

@@ -16,12 +16,12 @@ from rigtwin.lab.records import Track, write_tracks
 from rigtwin.measure.drop import bounce_fit, checks, fall_in_air
 from rigtwin.measure.drop import evaluate as drop
 from rigtwin.measure.drop import measurement as drop_measurement
-from rigtwin.measure.drop.scale import radius_doubt
+from rigtwin.measure.drop.scale import radius_uncertainty
 from rigtwin.measure.media import video_file as sources
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tracking import detect as spots
 from rigtwin.measure.tracking import link as spots_link
-from rigtwin.measure.tracking.exposure_time import NOT_TOLD
+from rigtwin.measure.tracking.exposure_time import NOT_MEASURED
 from rigtwin.measure.tracking.follow import Chase
 
 G = 9.81
@@ -544,7 +544,7 @@ def test_a_small_error_of_the_diameter_is_no_contradiction_but_a_neighbouring_fr
 def test_a_radius_without_fitted_rim_contradicts_rates_of_50_and_60_but_no_scale_error_of_20_percent():
     spot = spots_link.SpotPath((0, 1), (spots.Spot(10.0, 10.0, 60.0, 9.0, 9.0, 20.0),) * 2)
     scene = Scene(np.zeros((20, 20)), np.ones((20, 20)))
-    uncertainty = radius_doubt(Chase((), spot, (), NOT_TOLD, 4.5, scene, (), None, None))
+    uncertainty = radius_uncertainty(Chase((), spot, (), NOT_MEASURED, 4.5, scene, (), None, None))
     assert checks.scales_agree(1.2, uncertainty)
     assert not checks.scales_agree((60 / 50) ** 2, uncertainty)
 

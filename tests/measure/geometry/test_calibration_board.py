@@ -93,7 +93,7 @@ def test_squares_of_a_rectified_board_have_equal_size(tmp_path_factory, tilt, pa
     for sides in (np.diff(corners, axis=0), np.diff(corners, axis=1)):
         assert np.hypot(*sides.transpose(2, 0, 1)) == pytest.approx(SQUARE, rel=0.006)  # 0.2 px of 40
     assert np.hypot(*(corners[-1, -1] - corners[0, 0])) == pytest.approx(math.hypot(11, 7) * SQUARE, rel=5e-4)
-    assert lens.doubt < 2e-3
+    assert lens.uncertainty < 2e-3
     assert lens.residual < 0.3
 
 
@@ -129,8 +129,8 @@ def test_one_marker_gives_a_scale_with_correct_uncertainty(tmp_path):
     bench = Bench(tilt=0, pan=0, bend=0.0)
     cv2.imwrite(str(file), bench.photo(printed(picture, 0.030)))
     lens = read_board(board(f"aruco 30mm {file}"))
-    assert abs(lens.scale / PIXEL - 1) < 3 * lens.doubt
-    assert 1e-4 < lens.doubt < 0.01
+    assert abs(lens.scale / PIXEL - 1) < 3 * lens.uncertainty
+    assert 1e-4 < lens.uncertainty < 0.01
 
 
 def test_a_fall_seen_obliquely_gives_the_same_gravity_as_seen_perpendicularly(tmp_path):

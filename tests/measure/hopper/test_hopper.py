@@ -304,8 +304,8 @@ def drawn(look: Look) -> tuple[list[npt.NDArray[np.uint8]], float]:
             turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), -look.roll, 1.0)  # OpenCV turns anticlockwise
             picture = cv2.warpAffine(picture, turn, SIZE, borderMode=cv2.BORDER_REPLICATE)
         if look.shake:
-            aside = look.shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
-            picture = cv2.warpAffine(picture, np.c_[np.eye(2), aside], SIZE, borderMode=cv2.BORDER_REPLICATE)
+            shift = look.shake * np.array([math.sin(1.1 * k), math.cos(0.7 * k)])
+            picture = cv2.warpAffine(picture, np.c_[np.eye(2), shift], SIZE, borderMode=cv2.BORDER_REPLICATE)
         lamp = 1 + look.flicker * math.sin(2 * math.pi * 100.7 * k / RATE)
         noisy = np.clip(lamp * picture + random.normal(0, look.noise, picture.shape), 0, 255).astype(np.uint8)
         pictures.append(noisy)
@@ -819,7 +819,7 @@ def test_the_fall_of_the_lowest_bead_is_distinguished_from_creeping_and_from_res
     fall = np.round(np.minimum(3 + 40 * time + 0.5 * 20000 * after**2, 10 * floor))
     found = free_fall_clock.fall_below(time, fall[None], 10.0)
     assert found is not None
-    assert abs(found.acceleration - 20000) < 2 * found.doubt
+    assert abs(found.acceleration - 20000) < 2 * found.uncertainty
     assert free_fall_clock.fall_below(time, np.round(400 * time)[None], 10.0) is None
 
 
@@ -828,23 +828,23 @@ def test_two_looks_at_a_fall_that_contradict_each_other_leave_it_doubtful() -> N
     other = free_fall_clock.together([free_fall_clock.FreeFall(98.0, 3.0), free_fall_clock.FreeFall(150.0, 3.0)])
     assert alike is not None
     assert other is not None
-    assert (alike.acceleration, alike.doubt) == (pytest.approx(100.0), pytest.approx(3.0 / math.sqrt(2)))
+    assert (alike.acceleration, alike.uncertainty) == (pytest.approx(100.0), pytest.approx(3.0 / math.sqrt(2)))
     # the uncertainty covers both
-    assert other.acceleration - other.doubt <= 98.5
-    assert other.acceleration + other.doubt >= 149.5
+    assert other.acceleration - other.uncertainty <= 98.5
+    assert other.acceleration + other.uncertainty >= 149.5
     assert free_fall_clock.together([None]) is None
 
 
-@pytest.mark.parametrize("doubt", [0.01, 0.1, 0.3])
-def test_a_fall_that_fits_states_which_frame_rates_would_not_show(doubt: float) -> None:
-    fall = free_fall_clock.FreeFall(9810.0, doubt * 9810.0)
+@pytest.mark.parametrize("uncertainty", [0.01, 0.1, 0.3])
+def test_a_fall_that_fits_states_which_frame_rates_would_not_show(uncertainty: float) -> None:
+    fall = free_fall_clock.FreeFall(9810.0, uncertainty * 9810.0)
     fits = free_fall_clock.fall_check(fall, 0.001, 0.0, RATE)
     factor = float(fits.message.split("a factor of ")[1].split()[0])
     assert fits.passed
     # the same frames with a stated rate that is faster or slower
     for stated, passed in ((0.97 * factor, True), (1.03 * factor, False)):
         for times in (stated, 1 / stated):
-            other = free_fall_clock.FreeFall(times**2 * fall.acceleration, times**2 * fall.doubt)
+            other = free_fall_clock.FreeFall(times**2 * fall.acceleration, times**2 * fall.uncertainty)
             assert free_fall_clock.fall_check(other, 0.001, 0.0, times * RATE).passed == passed
 
 

@@ -223,15 +223,15 @@ def test_beads_that_are_no_spheres_may_fill_more_and_less():
 
 
 def test_a_bed_of_foam_is_believed_where_its_beads_are_stated_to_be_foam():
-    def doubt(solid):
+    def reason(solid):
         mass = 0.6 * 20.0 * math.pi / 4 * CYLINDER**2 * 0.07
         result = packing_evaluate.evaluate(
             [flat(0.07)], cylinder_diameter=CYLINDER, total_mass=mass, bead_density=solid
         )
         return pick(result, "bulk_density").doubtful
 
-    assert "--bead-density" in doubt(None)
-    assert not doubt(20.0)
+    assert "--bead-density" in reason(None)
+    assert not reason(20.0)
 
 
 @pytest.mark.parametrize(

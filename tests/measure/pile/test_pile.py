@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
-from rigtwin.lab.records import Profile, read_profile, write_profile
+from rigtwin.lab.records import Profile, write_profile
+from rigtwin.lab.tracked.read import read_profile
 from rigtwin.measure.bulk.beads import find_beads
 from rigtwin.measure.bulk.outline import View
 from rigtwin.measure.pile.base_disc import _face_share, _first_edge, _Template
@@ -72,7 +73,7 @@ def test_lines_along_a_triangle_have_its_slopes(left: float, right: float) -> No
 
 @given(slope=st.floats(15, 40), grain=st.floats(0.001, 0.003))
 @settings(max_examples=12, deadline=None)
-def test_grains_on_a_flank_cost_its_slope_no_more_than_the_stated_doubt(slope: float, grain: float) -> None:
+def test_grains_on_a_flank_cost_its_slope_no_more_than_the_stated_uncertainty(slope: float, grain: float) -> None:
     found = angle(evaluate([triangle(slope, slope, grain=grain)], bead_diameter=grain), GRAPHICAL, "mean")
     assert found.value == pytest.approx(slope, abs=1.0)
     # the same grains on both sides: the worst case, in which nothing averages out

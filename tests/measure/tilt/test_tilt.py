@@ -20,7 +20,7 @@ from rigtwin.measure.tilt import evaluate as tilt
 from rigtwin.measure.tilt import film_checks as tilt_film_checks
 from rigtwin.measure.tilt import measurement as tilt_measurement
 from rigtwin.measure.tilt.body_track import RestingBody
-from rigtwin.measure.tilt.onset import smooth_angle, smoothing_doubt
+from rigtwin.measure.tilt.onset import smooth_angle, smoothing_uncertainty
 
 G = 9.81
 FACTOR = {"slide": 1.0, "roll": 5 / 7}
@@ -197,7 +197,7 @@ def test_a_body_that_does_not_move_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("scale_doubt", "moving", "stated"),
+    ("scale_uncertainty", "moving", "stated"),
     [
         pytest.param(0.12, "slide", "slide", marks=pytest.mark.slow),
         (0.12, "slide", "roll"),
@@ -209,19 +209,19 @@ def test_a_body_that_does_not_move_is_refused():
         pytest.param(math.inf, "roll", "roll", marks=pytest.mark.slow),
     ],
 )
-def test_friction_in_motion_shows_the_kind_of_motion_without_a_scale(stated, moving, scale_doubt):
+def test_friction_in_motion_shows_the_kind_of_motion_without_a_scale(stated, moving, scale_uncertainty):
     for seed in range(2):
         angles, tracks = record(moving, angle_deg=12.0 if moving == "slide" else 5.0, seed=seed)
-        way = tilt.way_down(angles, tracks, stated, 0.006, scale_doubt=scale_doubt)
+        way = tilt.way_down(angles, tracks, stated, 0.006, scale_uncertainty=scale_uncertainty)
         check = tilt_checks._variant_check(way, tilt.onset_of(way, "record")[1], stated)
-        assert isinstance(check, str) == (scale_doubt == math.inf and moving == "roll")
+        assert isinstance(check, str) == (scale_uncertainty == math.inf and moving == "roll")
         if not isinstance(check, str):
             assert check.passed == (stated == moving)
 
 
 def test_without_a_scale_constant_friction_leaves_the_variant_unconfirmed():
     angles, tracks = record("roll", angle_deg=5.0, noise=1.5e-4, fps=25.0)
-    way = tilt.way_down(angles, tracks, "slide", 0.006, scale_doubt=math.inf)
+    way = tilt.way_down(angles, tracks, "slide", 0.006, scale_uncertainty=math.inf)
     run, onset = tilt.onset_of(way, "record")
     result = tilt.evaluate_run(way, run, onset, "slide", 0.006, {})
     assert pick(result, "static_friction").doubtful or any("depends on --variant" in each for each in result.warnings)
@@ -469,7 +469,7 @@ def test_the_uncertainty_of_a_smoothed_angle_matches_its_error():
         angle = 0.05 * time + 0.004 * np.sin(time)
         middle = (time > 1) & (time < 3)
         errors.append(smooth_angle(time, angle + noise)[middle] - angle[middle])
-        stated.append(smoothing_doubt(time, angle + noise, time[middle]))
+        stated.append(smoothing_uncertainty(time, angle + noise, time[middle]))
     ratio = float(np.sqrt(np.mean(np.square(errors)) / np.mean(np.square(stated))))
     assert 0.6 < ratio < 1.6  # 20 records with about four degrees of freedom each
 
@@ -490,7 +490,7 @@ def test_many_frames_are_smoothed_with_a_limited_number_of_knots(monkeypatch):
 
 def test_the_rate_of_the_plate_does_not_add_to_the_uncertainty_of_its_angle() -> None:
     time = np.linspace(0, 4, 200)
-    assert smoothing_doubt(time, 0.05 * time, time) < 1e-9
+    assert smoothing_uncertainty(time, 0.05 * time, time) < 1e-9
 
 
 def test_a_record_has_no_exposure_term_in_its_time_budget():

@@ -11,7 +11,7 @@ from rigtwin.measure.tracking.bead_image import Look
 from rigtwin.measure.tracking.cutouts import Cut
 from rigtwin.measure.tracking.detect import Spot
 from rigtwin.measure.tracking.exposure_time import TRIED, Shutter, fast_frames, shutter_of
-from rigtwin.measure.tracking.follow import told_shutter
+from rigtwin.measure.tracking.follow import measured_shutter
 from rigtwin.measure.tracking.link import SpotPath
 
 LOOK = Look(8.0, 0.8, np.array([150.0, 0.0, 0.0, 0.0]))
@@ -51,23 +51,23 @@ def scene():
 def test_the_streaks_of_a_fast_bead_give_the_exposure_time(share):
     path = falling(range(20))
     cuts = film(path, share)
-    roughly = told_shutter(cuts, path, scene(), LOOK, None)
-    assert abs(roughly.share - share) < 2 * roughly.doubt
-    found = told_shutter(cuts, path, scene(), LOOK, None, roughly)
-    assert abs(found.share - share) < 2 * found.doubt < 0.12
+    roughly = measured_shutter(cuts, path, scene(), LOOK, None)
+    assert abs(roughly.share - share) < 2 * roughly.uncertainty
+    found = measured_shutter(cuts, path, scene(), LOOK, None, roughly)
+    assert abs(found.share - share) < 2 * found.uncertainty < 0.12
 
 
 def test_frames_without_the_bead_do_not_change_the_exposure_time():
     path = falling(range(20))
-    found = told_shutter(film(path, 0.3, empty=(13, 15, 16)), path, scene(), LOOK, None)
-    assert abs(found.share - 0.3) < 2 * found.doubt
+    found = measured_shutter(film(path, 0.3, empty=(13, 15, 16)), path, scene(), LOOK, None)
+    assert abs(found.share - 0.3) < 2 * found.uncertainty
 
 
 def test_a_slow_bead_gives_no_exposure_time():
     path = falling(range(20), pull=0.05)
-    found = told_shutter(film(path, 0.5), path, scene(), LOOK, None)
-    assert not found.told
-    assert math.isinf(found.doubt)
+    found = measured_shutter(film(path, 0.5), path, scene(), LOOK, None)
+    assert not found.measured
+    assert math.isinf(found.uncertainty)
 
 
 def test_frames_at_a_bounce_and_beside_gaps_are_not_used():
@@ -83,4 +83,4 @@ def test_a_frame_with_constant_misfit_has_no_weight():
     sharp = 2 + 3 * (TRIED - 0.4) ** 2
     found = shutter_of(TRIED, np.stack([sharp, flat, flat, sharp, flat], axis=1), np.full(5, 20.0))
     assert found.share == pytest.approx(0.4, abs=0.01)
-    assert Shutter(found.share, found.doubt).told
+    assert Shutter(found.share, found.uncertainty).measured
