@@ -91,7 +91,7 @@ def third_differences(time: Array, values: Array) -> Array:
     weights = 1 / np.prod(apart[known], axis=2)
     weights /= np.sqrt(np.sum(weights**2, axis=1, keepdims=True))
     rows = np.lib.stride_tricks.sliding_window_view(values, 4, axis=0)[known]
-    return np.einsum("nw,n...w->n...", weights, rows)
+    return np.asarray(np.einsum("nw,n...w->n...", weights, rows))
 
 
 def autocorrelation_factor(residual: Array) -> float:
@@ -184,7 +184,7 @@ def robust_linear_fit(
     robust = np.ones(len(values))
     for _ in range(ROUNDS):
         both = design.T * (weight * robust)
-        covariance = np.linalg.pinv(both @ design + np.diag(stiffness), hermitian=True)
+        covariance = np.asarray(np.linalg.pinv(both @ design + np.diag(stiffness), hermitian=True), np.float64)
         answer = covariance @ (both @ values + stiffness * mean)
         miss = np.abs(values - design @ answer)
         usual = max(float(mad_std(miss, centre=0.0)), least_scale) if scale is None else scale

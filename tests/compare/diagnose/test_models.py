@@ -172,7 +172,7 @@ def test_a_gap_is_closed_where_it_is_closed_in_common_and_in_each_repetition(com
 def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():
     deceleration = 5 / 7 * G * 0.05
     one = np.ones((1, 1))
-    motion = track.ride(0 * one, 0.5 * one, lambda t, s, v: -deceleration * np.ones_like(v), 5 * one)
+    motion = track.ride(0 * one, 0.5 * one, lambda s, v, t: -deceleration * np.ones_like(v), 5 * one)
     place, speed = track.place_at(motion, np.array([[0.1, 4.0]]), np.array([0, 0]))
     assert place[0, 1] == pytest.approx(0.5**2 / (2 * deceleration), rel=1e-9)
     assert place[0, 0] == pytest.approx(0.5 * 0.1 - deceleration * 0.005, rel=1e-9)
@@ -183,7 +183,7 @@ def test_a_sphere_that_rolls_to_rest_stops_where_its_friction_says():
 def test_a_sphere_that_a_drag_slows_stops_where_and_when_its_equation_says(friction, drag):
     """v' = -a - c v.  A drag many times the friction slows it at first: the stop is long after v/v' of the start."""
     speed, one = 0.7, np.ones((1, 1))
-    motion = track.ride(0 * one, speed * one, lambda t, s, v: -friction - drag * v, 60 * one)
+    motion = track.ride(0 * one, speed * one, lambda s, v, t: -friction - drag * v, 60 * one)
     lasts = math.log(1 + drag * speed / friction) / drag
     assert motion.end.item() == pytest.approx(lasts, rel=1e-4)
     assert motion.place[-1].item() == pytest.approx((speed - friction * lasts) / drag, abs=1e-6)
