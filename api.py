@@ -281,9 +281,10 @@ def _run(work: Work, **more: Any) -> Any:
 def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     """A setting as its command takes it: text through the option's own reader, a number in SI as it is."""
     kind, option = get_args(parameter.annotation)[:2]
+    if any(get_origin(each) is list for each in get_args(kind)):  # an option that may be repeated
+        parser = getattr(option, "parser", None) or str
+        return [parser(str(each)) for each in ([value] if isinstance(value, str) else value)]
     if getattr(option, "parser", None) is not None:
-        if any(get_origin(each) is list for each in get_args(kind)):  # an option that may be repeated
-            return [option.parser(str(each)) for each in ([value] if isinstance(value, str) else value)]
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return option.parser(float(value) if number else str(value))
     kinds = get_args(kind) if get_origin(kind) is not Literal else (kind,)

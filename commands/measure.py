@@ -26,7 +26,9 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
 @filmed()
 @tracked
 def measure_drop(
-    clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the drop, or a table of its track.")],
+    clip: Annotated[
+        Path, typer.Argument(metavar="CLIP", help="Video of the drop, a sound recording, or a table of its track.")
+    ],
     *,
     camera: Camera,
     table: Table,
@@ -35,12 +37,17 @@ def measure_drop(
         float | None, quantity("--bead-density", "density", "568kg/m^3", "Density, to allow for the air.")
     ] = None,
     bead_mass: BeadMass = None,
+    sound: Annotated[
+        bool, typer.Option("--sound", help="Evaluate the sound of the impacts too, and compare it with the film.")
+    ] = False,
 ) -> Work:
     """A bead bounces on a plate: heights and restitution per bounce."""
     solid = density(bead_density, bead_mass, bead_diameter)
     from rigtwin.measure.drop import measurement as drop
 
-    return partial(drop.measure, clip, camera, bead_diameter=bead_diameter, bead_density=solid, table=table)
+    return partial(
+        drop.measure, clip, camera, bead_diameter=bead_diameter, bead_density=solid, table=table, sound=sound
+    )
 
 
 @app.command(

@@ -279,7 +279,7 @@ def table_of(*, columns: Any = None, join: Any = None) -> Any:
     from rigtwin.lab.tracked.columns import parse_joined
     from rigtwin.lab.tracked.table import TableOptions
 
-    return TableOptions(columns or {}, parse_joined([join] if isinstance(join, str) else join or (), name="--join"))
+    return TableOptions(columns or {}, parse_joined(join or (), name="--join"))
 
 
 def camera_of(

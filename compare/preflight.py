@@ -63,11 +63,12 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
 def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
     """Open the media of a repetition with its camera settings; returns the frame rate [1/s] of a film."""
     from rigtwin.measure.media.photo import read_photo
+    from rigtwin.measure.media.sound import is_sound
     from rigtwin.measure.media.video import open_video
 
     camera, rate = experiment.camera, experiment.camera.frame_rate
     for view in views:
-        if is_table(view):  # a tracked record has no pictures
+        if is_table(view) or is_sound(view):  # a tracked record has no pictures
             continue
         if entry_of(experiment).is_photo(view):
             read_photo(view, camera)

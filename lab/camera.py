@@ -69,9 +69,7 @@ class Lens:
     plane: tuple[tuple[float, ...], ...]  # homography, straight to taken without distortion, shape (3, 3)
     bend: tuple[float, float]  # radial distortion, of the square and fourth power of radius / half the diagonal
     scale: float  # [m/px] of the straight picture
-    uncertainty: (
-        float  # relative standard uncertainty of the scale, from the corners alone: not of where the board stood
-    )
+    uncertainty: float  # relative standard uncertainty of the scale from the corners, without that of the board's place
     residual: float  # [px], rms of the board's corners
 
 

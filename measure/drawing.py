@@ -7,6 +7,7 @@ Files are written under a temporary name and then renamed, so that a crash leave
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -257,9 +258,11 @@ def _fixed(point: Point) -> tuple[int, int]:
     return int(scaled[0]), int(scaled[1])
 
 
-def write_record_plot(out: Path, stem: str, measurement: Measurement) -> Path:
-    """Plot the record of a measurement as ``STEM-plot.svg``; returns its path."""
+def with_record_plot(measurement: Measurement, out: Path | None) -> Measurement:
+    """The measurement with a plot of its record, ``NAME-plot.svg`` in the folder `out`; as it is without a folder."""
+    if out is None:
+        return measurement
     out.mkdir(parents=True, exist_ok=True)
-    path = out / f"{stem}-plot.svg"
+    path = out / f"{measurement.source.stem}-plot.svg"
     save_plot(path, measurement.plot())
-    return path
+    return replace(measurement, files={"plot": path})

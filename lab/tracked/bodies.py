@@ -10,7 +10,7 @@ import numpy as np
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
 
-NEAR = 4.0  # steps between the end of one part, moved on at its last speed, and the beginning of the next
+NEAR = 4.0  # steps of the track, largest distance of the next part's first point from where the last speed leads
 LONGEST_GAP = 0.2  # share of the longer part's duration; over longer gaps the last speed says nothing
 
 

@@ -190,7 +190,7 @@ def find_column(table: Table, role: str, stated: Mapping[str, tuple[str, str]]) 
             at = [int(wanted) - 1]
         if not at:
             raise BadInput(f"{table.path}: there is no column {wanted!r} for {role}; {found_columns(table)}.")
-        return _column(table, at[0], unit)
+        return column_at(table, at[0], unit)
     claimed = {name for name, _ in stated.values()}
     ranked = sorted(
         (rank, k)
@@ -200,29 +200,22 @@ def find_column(table: Table, role: str, stated: Mapping[str, tuple[str, str]]) 
     )
     if not ranked:
         return None
-    same = [k for rank, k in ranked if rank == ranked[0][0] and _titled(table, k) == _titled(table, ranked[0][1])]
+    same = [k for rank, k in ranked if rank == ranked[0][0] and table.titles[k] == table.titles[ranked[0][1]]]
     if len(same) > 1:
         names = " and ".join(repr(table.names[k]) for k in same)
         twice = "stands there twice" if len({table.names[k] for k in same}) == 1 else "may each be meant"
         raise BadInput(f"{table.path}: the column {role}: {names} {twice}; name one with --columns '{role}=NAME'.")
-    return _column(table, ranked[0][1])
-
-
-def _titled(table: Table, index: int) -> str:
-    return table.titles[index]
+    return column_at(table, ranked[0][1])
 
 
 def _repeats(table: Table, index: int) -> bool:
     """Whether a column names bodies: fewer names than rows."""
     cells = [row[index] for row in table.rows]
-    return len(set(cells)) <= max(1, len(cells) // 2) or not all(_is_count(cell) for cell in cells)
+    return len(set(cells)) <= max(1, len(cells) // 2) or not all(cell.isdigit() for cell in cells)
 
 
-def _is_count(cell: str) -> bool:
-    return cell.isdigit()
-
-
-def _column(table: Table, index: int, unit: str = "") -> Column:
+def column_at(table: Table, index: int, unit: str = "") -> Column:
+    """The column of this index, with `unit` or else the one that the file states for it."""
     in_name = name_and_unit(table.names[index])[1]
     return Column(index, table.names[index], unit or in_name or _alias(table.units[index]))
 

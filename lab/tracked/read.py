@@ -15,16 +15,28 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Profile, Series, Track
 from rigtwin.lab.tracked.bodies import joined, proposals
-from rigtwin.lab.tracked.columns import Column, body_and_axis, factor, find_column, found_columns, role_of
+from rigtwin.lab.tracked.columns import (
+    Column,
+    body_and_axis,
+    column_at,
+    factor,
+    find_column,
+    found_columns,
+    name_and_unit,
+    role_of,
+)
 from rigtwin.lab.tracked.project_files import read_parquet, read_xml
 from rigtwin.lab.tracked.table import Table, TableOptions
 from rigtwin.lab.tracked.text_table import read_text_table
 from rigtwin.lab.units import LONGEST
 
 Direction = Callable[[Sequence[Track]], tuple[bool, str] | None]
+
+STEEPEST_TANGENT = 2.8575  # of 70.7 degrees: larger values of a slope without unit are no tangents but degrees
 
 SAME_RATE = 0.005  # relative difference up to which a given frame rate and the table's times agree
 
@@ -74,6 +86,7 @@ class TrackedBodies:
 
     tracks: tuple[Track, ...]
     unit: str  # "m"; "px" or "" (not stated) where no scale is known, positions are in it then
+    scaled: bool  # whether the given scale was used
     understood: Understood
 
     def in_metres(self, path: Path) -> tuple[Track, ...]:
@@ -91,6 +104,7 @@ class TrackedProfiles:
 
     profiles: tuple[Profile, ...]
     times: Array  # [s], shape (n,); zero for a table without times
+    scaled: bool  # whether the given scale was used
     understood: Understood
 
 
@@ -99,7 +113,13 @@ class TrackedSeries:
     """A value over time and how the table was understood."""
 
     series: Series
+    role: str
     understood: Understood
+
+
+def scale_used(read: TrackedBodies | TrackedProfiles, camera: Camera) -> dict[str, Any]:
+    """The camera's scale as a measurement states it, where lengths of the table were scaled by it; else empty."""
+    return {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from} if read.scaled else {}
 
 
 def read_table(path: Path) -> Table:
@@ -188,7 +208,7 @@ def read_bodies(
     if not tracks:
         raise BadInput(f"{path}: no row holds both x and y as numbers; {found_columns(table)}.")
     tracks = list(joined(tracks, options.joined, str(path)))
-    size, unit = _length(table, length, tracks, scale, notes)
+    size, unit, by_scale = _length(table, length, tracks, scale, notes)
     up, words = _up(table, tracks, direction)
     turn = np.array([size, size if up else -size])
     scaled = tuple(replace(each, position=each.position * turn, sigma=each.sigma * size) for each in tracks)
@@ -202,7 +222,7 @@ def read_bodies(
         tuple(dict.fromkeys(notes)),
         proposals(scaled) if len(scaled) > 1 else (),
     )
-    return TrackedBodies(scaled, unit, understood)
+    return TrackedBodies(scaled, unit, by_scale, understood)
 
 
 Source = tuple[str, list[int], dict[str, Column]]
@@ -256,9 +276,7 @@ def _side_by_side(table: Table, common: Mapping[str, Column], only_height: bool)
             body = table.titles[k]
         else:
             continue
-        named = find_column(replace(table, titles=("",) * len(table.names)), role, {role: (str(k + 1), "")})
-        assert named is not None
-        found.setdefault(body, {})[role] = named
+        found.setdefault(body, {})[role] = column_at(table, k)
     needed = {"y"} if only_height else {"x", "y"}
     plain = "y" in {role_of(name, ["y"])[0] for name, title in zip(table.names, table.titles, strict=True) if not title}
     return [] if plain else [(body, {**common, **own}) for body, own in found.items() if needed <= set(own)]
@@ -349,8 +367,8 @@ def _counts(table: Table, column: Column) -> bool:
 
 def _length(
     table: Table, unit: str, tracks: Sequence[Track], scale: float | None, notes: list[str]
-) -> tuple[float, str]:
-    """What lengths are multiplied by, and the unit that they are in then: "m", "px" or "" for not stated."""
+) -> tuple[float, str, bool]:
+    """What lengths are multiplied by, their unit then ("m", "px" or "" for not stated), and whether it is `scale`."""
     if not unit:
         widest = max(float(np.max(np.ptp(track.position, axis=0))) for track in tracks)
         if scale is not None or table.default_length == "px":
@@ -361,10 +379,10 @@ def _length(
             f"no unit of length is stated, {unit or 'none'} is taken" if unit else "no unit of length is stated"
         )
     if unit == "px":
-        return (scale, "m") if scale is not None else (1.0, "px")
+        return (scale, "m", True) if scale is not None else (1.0, "px", False)
     if scale is not None:
         notes.append(f"the scale is not used, as lengths are in {unit}")
-    return (factor(table, Column(0, "x, y", unit), "length"), "m") if unit else (1.0, "")
+    return (factor(table, Column(0, "x, y", unit), "length"), "m", False) if unit else (1.0, "", False)
 
 
 def _up(table: Table, tracks: Sequence[Track], direction: Direction | None) -> tuple[bool, str]:
@@ -449,7 +467,7 @@ def read_profiles(
     time = _times(table, rows, columns, frame_rate, notes) if over_time else np.zeros(len(rows))
     seen = Track(time, np.column_stack([places, heights]), sigmas)
     unit = x.unit or height.unit
-    size, unit = _length(table, unit, [_finite(seen)], scale, notes)
+    size, unit, by_scale = _length(table, unit, [_finite(seen)], scale, notes)
     if unit != "m":
         raise BadInput(f"{path}: x and {height.name} are in {unit or 'a unit that is not stated'}; give --scale.")
     words = ""
@@ -470,7 +488,7 @@ def read_profiles(
         direction=words,
         notes=tuple(dict.fromkeys(notes)),
     )
-    return TrackedProfiles(tuple(profiles), times, understood)
+    return TrackedProfiles(tuple(profiles), times, by_scale, understood)
 
 
 def _finite(track: Track) -> Track:
@@ -492,16 +510,17 @@ def _heaped(x: Array, height: Array) -> bool:
 
 
 def read_series(
-    path: Path, role: str, options: TableOptions | None = None, *, frame_rate: float | None = None
+    path: Path, roles: Sequence[str], options: TableOptions | None = None, *, frame_rate: float | None = None
 ) -> TrackedSeries | None:
-    """Read one value over time.
+    """Read one value over time: the first of `roles` that a column has.
 
     Parameters
     ----------
     path : Path
         Table with a column of time or frame, and one of the value.
-    role : {"angle", "left", "collected", "flow"}
-        The value: an angle, what is left in a hopper, what has left it, or the flow out of it.
+    roles : sequence of {"angle", "left", "collected", "flow"}
+        What the value may be, in the order of preference: an angle, what is left in a hopper, what has left it, or
+        the flow out of it.
     options : TableOptions, optional
         Columns as the user states them.
     frame_rate : float, optional
@@ -510,7 +529,8 @@ def read_series(
     Returns
     -------
     TrackedSeries or None
-        Angles in rad, masses in kg, fractions and numbers in 1, flows in kg/s or 1/s; None if no column has the role.
+        Angles in rad, masses in kg, fractions and numbers in 1, flows in kg/s or 1/s; None if no column has
+        one of the roles.
 
     Raises
     ------
@@ -521,7 +541,7 @@ def read_series(
     table = read_table(path)
     notes = [*table.notes]
     stated = options.columns
-    value = find_column(table, role, stated)
+    role, value = next(((role, found) for role in roles if (found := find_column(table, role, stated))), ("", None))
     if value is None:
         return None
     columns = {role: value}
@@ -530,23 +550,19 @@ def read_series(
     size, unit = _value_unit(table, role, value, numbers, notes)
     kept = np.flatnonzero(np.isfinite(numbers))
     time = _times(table, [int(k) for k in kept], columns, frame_rate, notes)
-    if len(kept) < 2 or np.any(np.diff(time) <= 0):
+    if len(kept) < 2:
+        raise BadInput(f"{path}: {value.name!r} holds {len(kept)} numbers; a series needs at least two.")
+    if np.any(np.diff(time) <= 0):
         raise BadInput(f"{path}: time does not rise from row to row of {value.name!r}; sort the rows.")
     numbers = np.arctan(numbers[kept]) if unit == "slope" else size * numbers[kept]
-    name = re.sub(r"\W+", "_", role_name(value.name)).strip("_") or role
+    name = re.sub(r"\W+", "_", name_and_unit(value.name)[0].lower()).strip("_") or role
     series = Series(time, numbers, name, "rad" if unit == "slope" else unit)
     shown = {each: _shown(column) for each, column in columns.items()}
     return TrackedSeries(
         series,
+        role,
         Understood(table.kind, shown, len(kept), frame_rate=_rate([time]), notes=tuple(dict.fromkeys(notes))),
     )
-
-
-def role_name(header: str) -> str:
-    """Name of a quantity without its unit, in lower case."""
-    from rigtwin.lab.tracked.columns import name_and_unit
-
-    return name_and_unit(header)[0].lower()
 
 
 def _value_unit(table: Table, role: str, column: Column, values: Array, notes: list[str]) -> tuple[float, str]:
@@ -555,7 +571,7 @@ def _value_unit(table: Table, role: str, column: Column, values: Array, notes: l
     if role == "angle":
         if unit:
             return factor(table, column, "angle"), "rad"
-        if "slope" in column.name.lower() and float(np.nanmax(np.abs(values))) < math.tan(math.radians(85)) / 4:
+        if "slope" in column.name.lower() and float(np.nanmax(np.abs(values))) < STEEPEST_TANGENT:
             notes.append("the slope is taken as a tangent, as no unit is stated")
             return 1.0, "slope"
         if float(np.nanmax(np.abs(values))) > math.pi / 2:

@@ -64,13 +64,11 @@ def read_text_table(path: Path) -> Table:
     first = next(k for k, (line, cells) in enumerate(split) if not line.comment and _is_data(cells, width, separator))
     heads = [(line, cells) for line, cells in split[:first] if any(cells)]
     body = [(line, cells) for line, cells in split[first:] if not line.comment]
-    end = next(
-        (k for k, (line, cells) in enumerate(body) if _ends(line, cells, body[k - 1 : k], width, separator)), None
-    )
+    end = next((k for k in range(1, len(body)) if _begins_another(body[k - 1][0], *body[k], separator)), None)
     left_out = () if end is None else (f"rows from line {body[end][0].number} on are another table and were not read",)
     body = body[:end]
     names, units, titles = _header(heads, width)
-    if all(not name for name in names):
+    if nameless := not any(names):
         names = tuple(str(k + 1) for k in range(width))
     for line, cells in body:
         if len(cells) != width:
@@ -79,7 +77,7 @@ def read_text_table(path: Path) -> Table:
     if titles == () and kind == "Tracker table" and heads:
         titles = tuple(heads[0][1][0] for _ in names)
     rows = tuple(tuple(_plain_number(cell, separator) for cell in cells) for _, cells in body)
-    kept = [k for k in range(width) if names[k] or any(row[k] for row in rows)]
+    kept = [k for k in range(width) if (names[k] and not nameless) or any(row[k] for row in rows)]
     return Table(
         path,
         kind,
@@ -94,12 +92,9 @@ def read_text_table(path: Path) -> Table:
     )
 
 
-def _ends(
-    line: _Line, cells: Sequence[str], before: Sequence[tuple[_Line, list[str]]], width: int, separator: str
-) -> bool:
-    """Whether another table begins: after a blank line, with a row that holds no number, as names of columns."""
-    apart = bool(before) and before[0][0].block != line.block
-    return apart and not any(_is_number(cell, separator) for cell in cells)
+def _begins_another(before: _Line, line: _Line, cells: Sequence[str], separator: str) -> bool:
+    """Whether a line begins another table: after a blank line, it holds no number, as names of columns."""
+    return before.block != line.block and not any(_is_number(cell, separator) for cell in cells)
 
 
 def _lines(path: Path) -> list[_Line]:

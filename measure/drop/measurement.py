@@ -8,10 +8,11 @@ from pathlib import Path
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import NothingToMeasure, RigtwinError
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, failed, root_sum_of_squares
+from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, failed
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.lab.tracked.read import read_bodies
+from rigtwin.lab.tracked.read import read_bodies, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.lab.tracked.upright import by_fall
 from rigtwin.measure.drop.checks import (
@@ -21,9 +22,18 @@ from rigtwin.measure.drop.checks import (
 from rigtwin.measure.drop.evaluate import bounces_of, evaluate_bounces, rate_of, readable
 from rigtwin.measure.drop.fall_in_air import AirDrag
 from rigtwin.measure.drop.find_bead import find_bead
-from rigtwin.measure.drop.scale import SCALE_UNCERTAINTY, Gauge, find_gauge, radius_uncertainty, to_metres
+from rigtwin.measure.drop.scale import (
+    SCALE_UNCERTAINTY,
+    Gauge,
+    find_gauge,
+    radius_uncertainty,
+    scale_by_gravity,
+    to_metres,
+)
+from rigtwin.measure.drop.sound_measurement import measure_sound, with_sound
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
+from rigtwin.measure.media.sound import has_sound, is_sound
 from rigtwin.measure.media.video import open_video
 
 RATE_UNJUDGED = (
@@ -63,6 +73,7 @@ def measure(
     bead_diameter: float | None = None,
     bead_density: float | None = None,
     table: TableOptions | None = None,
+    sound: bool = False,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -71,8 +82,8 @@ def measure(
     Parameters
     ----------
     clip : Path
-        Video or stack of images; or a table with the bead's track (`rigtwin.lab.tracked`), for which only frame rate
-        and scale of the camera are used.
+        Video or stack of images; a sound recording; or a table with the bead's track (`rigtwin.lab.tracked`), for which
+        only frame rate and scale of the camera are used.
     camera : Camera
         Frame rate, scale, roll and search region, as far as known.
     bead_diameter : float, optional
@@ -81,6 +92,8 @@ def measure(
         Density of the bead [kg/m^3].  With the diameter it fixes the air drag; otherwise the drag is fitted.
     table : TableOptions, optional
         Columns and joined tracks of a table.
+    sound : bool
+        Evaluate the sound of a film too, and compare both.  The sound alone is evaluated where the film cannot be.
     out : Path, optional
         Folder for the annotated video, pictures, plot and track; None writes no files.
     progress : Progress, optional
@@ -111,6 +124,31 @@ def measure(
     drag = AirDrag(bead_diameter, bead_density)
     if is_table(clip):
         return _measure_table(clip, camera, table, drag, out)
+    if is_sound(clip):
+        return measure_sound(clip, out=out)
+    try:
+        film = _measure_film(clip, camera, drag, bead_diameter, bead_density, out, progress)
+    except NothingToMeasure as nothing:
+        if not has_sound(clip):
+            raise
+        try:
+            heard = measure_sound(clip, out=out)
+        except RigtwinError:
+            raise nothing from None
+        unseen = f"the film could not be measured, so the sound alone was: {nothing}"
+        return replace(heard, warnings=(unseen, *heard.warnings))
+    return with_sound(film) if sound else film
+
+
+def _measure_film(
+    clip: Path,
+    camera: Camera,
+    drag: AirDrag,
+    bead_diameter: float | None,
+    bead_density: float | None,
+    out: Path | None,
+    progress: Progress,
+) -> Measurement:
     video = at_its_pace(open_video(clip, camera), progress)
     found = find_bead(video, camera, drag, bead_diameter, progress)
     video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
@@ -182,22 +220,19 @@ def _measure_table(
     in_metres = read.unit == "m"
     track, repeats, losses, fitted = readable(longest, drag if in_metres else AirDrag())
     bounces = bounces_of(track, drag if in_metres else AirDrag(), str(path), fitted=fitted, in_metres=in_metres)
-    view: dict[str, object] = {}
-    uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if camera.given_scale is not None and in_metres else 0.0
+    view = scale_used(read, camera)
+    uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if read.scaled else 0.0
     warnings: tuple[str, ...] = ()
     if not in_metres:
-        size, parts = bounces.read(lambda at: at.size)
-        uncertainty = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
-        track = replace(track, position=track.position / size, sigma=track.sigma / size)
+        by_gravity, uncertainty = scale_by_gravity(bounces, 0.0)
+        track = replace(track, position=track.position * by_gravity, sigma=track.sigma * by_gravity)
         bounces = bounces_of(track, drag, str(path), in_metres=True)
         per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
-        view = {per: 1 / size, "scale_std_rel": uncertainty, "scale_from": "gravity"}
+        view = {per: by_gravity, "scale_std_rel": uncertainty, "scale_from": "gravity"}
         warnings = (
             f"lengths are in {read.unit or 'a unit that is not stated'}, so the scale was taken from gravity and "
             "depends on the square of the frame rate; give --scale, or the unit with --columns.",
         )
-    elif camera.given_scale is not None:
-        view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
     evaluation = evaluate_bounces(
         track, bounces, scale_uncertainty=uncertainty, rate=rate_of(longest), repeats=repeats, losses=losses
     )

@@ -18,6 +18,7 @@ from rigtwin.measure.tracking.follow import Chase
 
 SCALE_UNCERTAINTY = 0.005  # relative standard uncertainty of a scale read off a rule in view
 RIM_UNCERTAINTY = 0.12  # [px], standard uncertainty of the position of the rim of a bead's image
+GRAVITY_UNCERTAINTY = 4e-4  # relative standard uncertainty of the gravitational acceleration where it was not measured
 # relative standard uncertainty of a radius from a detected spot: blur adds to it, a bright side may be missing
 SPOT_UNCERTAINTY = 0.15
 
@@ -47,9 +48,7 @@ def find_gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead
     if camera.roll is not None:
         text += f", {math.degrees(camera.roll):+.2f} were given"
         roll, roll_uncertainty = camera.roll, 0.0
-    size, parts = fitted.read(lambda at: at.size * math.cos(roll))
-    by_gravity = math.cos(roll) ** 2 / size
-    gravity_uncertainty = math.hypot(root_sum_of_squares(parts) / size, 4e-4)
+    by_gravity, gravity_uncertainty = scale_by_gravity(fitted, roll)
     if camera.given_scale is not None:
         uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY)
         return Gauge(camera.given_scale, uncertainty, camera.scale_from, roll, roll_uncertainty, text, None, "", fall)
@@ -81,6 +80,12 @@ def find_gauge(pixels: Track, fitted: Bounces, seen: Chase, camera: Camera, bead
     return Gauge(
         by_gravity, uncertainty, "gravity, against the bead's diameter", roll, roll_uncertainty, text, judged, off, fall
     )
+
+
+def scale_by_gravity(fitted: Bounces, roll: float) -> tuple[float, float]:
+    """Scale [m/px] from the fall in a picture of this roll [rad], and its relative standard uncertainty."""
+    size, parts = fitted.read(lambda at: at.size * math.cos(roll))
+    return math.cos(roll) ** 2 / size, math.hypot(root_sum_of_squares(parts) / size, GRAVITY_UNCERTAINTY)
 
 
 def radius_uncertainty(seen: Chase) -> float:

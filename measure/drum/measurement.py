@@ -18,7 +18,7 @@ from rigtwin.lab.quantity import Measurement, doubted, failed
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, read_series
 from rigtwin.lab.tracked.table import TableOptions, is_table
-from rigtwin.measure.drawing import write_record_plot
+from rigtwin.measure.drawing import with_record_plot
 from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
 from rigtwin.measure.drum.evaluate import (
@@ -184,7 +184,7 @@ def _measure_table(
     out: Path | None,
 ) -> Measurement:
     """Evaluate a table of the surface's slope over time, or of the surface."""
-    slope = read_series(path, "angle", options, frame_rate=camera.frame_rate)
+    slope = read_series(path, ["angle"], options, frame_rate=camera.frame_rate)
     if slope is not None:
         evaluation = evaluate_slope(slope.series, speed)
         understood = slope.understood
@@ -206,7 +206,7 @@ def _measure_table(
         series=() if slope is None else (slope.series,),
         table=understood.to_json(),
     )
-    return result if out is None else replace(result, files={"plot": write_record_plot(out, path.stem, result)})
+    return with_record_plot(result, out)
 
 
 # ----------------------------------------------------------------------------------------------------- media -> record

@@ -33,7 +33,7 @@ CLEAR = 0.02  # least difference of the sum of two correlations that is motion, 
 SURE = 5.0  # standard errors by which the correlation in one direction must exceed that in the other
 # [deg], between the bed's middle and straight below the axis; this is the angle of repose, up to 60 and more for sticky
 # powders
-MOST_BED_DIRECTION = 75.0
+LARGEST_BED_DIRECTION = 75.0
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def stance_checks(bed_direction: float, turning: int, rises: float) -> list[Chec
     checks = []
     if math.isfinite(bed_direction):
         degrees = math.degrees(abs(bed_direction))
-        passed = degrees < MOST_BED_DIRECTION
+        passed = degrees < LARGEST_BED_DIRECTION
         ending = (
             "." if passed else ": too far for a flowing bed; the picture lies on its side, or --camera-roll is wrong."
         )

@@ -28,6 +28,8 @@ CUT_SHORT = (
 
 UNKNOWN_SHARE = 1 / math.sqrt(12)  # standard deviation of an unknown share, uniform between 0 and 1
 
+FIRST_LOSS = 0.01  # share of the filling by which a measured value surely falls; below it a bed at rest may settle
+
 TAIL = 0.02  # share of the discharge time without a loss at the record's end after which the flow has stopped
 
 LASTING = 5  # values over which the median is taken: something may pass in one of them
@@ -114,8 +116,7 @@ def evaluate_discharge(
     time, share, full = _share_left(left)
     warnings = []
     if opened is None:
-        first = int(np.argmax(share < 1 - 1e-9 - 3 * _noise(share)))
-        opened = Instant(float(time[first]), {"time step": WITHIN * _step(time)}, "first loss")
+        opened = _first_loss(time, share)
         warnings.append("opening: not known, so the first loss was taken as the opening; give the time of opening.")
     if last is None:
         last = _last_loss(time, share)
@@ -153,6 +154,22 @@ def evaluate_discharge(
         quantities = [replace(one, doubtful=reason) if one.unit == "s" else one for one in quantities]
     marked = with_times_doubted(tuple(quantities), failed_message(falling))
     return Evaluation(marked, tuple(checks), tuple(warnings))
+
+
+def _first_loss(time: Array, share: Array) -> Instant:
+    """The first loss as the opening; where values flicker, it lies before `FIRST_LOSS` of the filling has left."""
+    noise = _noise(share)
+    step = {"time step": WITHIN * _step(time)}
+
+    def below(level: float) -> float:
+        full = np.flatnonzero(share >= level)
+        return float(time[min(int(full[-1]) + 1, len(time) - 1)]) if len(full) else float(time[0])
+
+    earliest = below(1 - 1e-9 - 3 * noise)
+    if np.all(np.diff(share) <= 0):  # counted, or weighed without noise
+        return Instant(earliest, step, "first loss")
+    latest = max(below(1 - FIRST_LOSS), earliest)
+    return Instant((earliest + latest) / 2, step | {"first loss": UNKNOWN_SHARE * (latest - earliest)}, "first loss")
 
 
 def _still_flows(time: Array, share: Array, lasted: float) -> bool:

@@ -17,7 +17,7 @@ from rigtwin.lab.tracked.columns import found_columns
 from rigtwin.lab.tracked.read import TrackedSeries, read_series, read_table
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.bulk.bead_spacing import bead_spacing
-from rigtwin.measure.drawing import write_record_plot
+from rigtwin.measure.drawing import with_record_plot
 from rigtwin.measure.geometry.camera_roll import nothing_level, upright_checks
 from rigtwin.measure.hopper.checks import (
     HIDDEN,
@@ -215,33 +215,32 @@ def _measure_table(
         series=(left,),
         table=read.understood.to_json(),
     )
-    return result if out is None else replace(result, files={"plot": write_record_plot(out, path.stem, result)})
+    return with_record_plot(result, out)
 
 
 def _left(
     path: Path, options: TableOptions | None, total_mass: float | None, frame_rate: float | None
 ) -> tuple[TrackedSeries, Series]:
     """The table as read, and what is left in the hopper over time."""
-    for role in ("left", "collected", "flow"):
-        if (read := read_series(path, role, options, frame_rate=frame_rate)) is None:
-            continue
-        series = read.series
-        if role == "left":
-            return read, series
-        gone = series.value
-        if role == "flow":
-            from scipy.integrate import cumulative_trapezoid
+    read = read_series(path, ("left", "collected", "flow"), options, frame_rate=frame_rate)
+    if read is None:
+        raise BadInput(
+            f"{path}: no column for what is left in the hopper, what has left it, or the flow was recognised; "
+            f"{found_columns(read_table(path))}; name it with --columns 'left=NAME', 'collected=NAME' or 'flow=NAME'."
+        )
+    series = read.series
+    if read.role == "left":
+        return read, series
+    gone = series.value
+    if read.role == "flow":
+        from scipy.integrate import cumulative_trapezoid
 
-            gone = cumulative_trapezoid(series.value, series.time, initial=0)
-        unit = series.unit.removesuffix("/s")
-        full = float(gone[-1])
-        if unit == "kg" and total_mass is not None:
-            full = max(full, total_mass)
-        return read, Series(series.time, full - gone, "mass_left" if unit == "kg" else "left", unit)
-    raise BadInput(
-        f"{path}: no column for what is left in the hopper, what has left it, or the flow was recognised; "
-        f"{found_columns(read_table(path))}; name it with --columns 'left=NAME', 'collected=NAME' or 'flow=NAME'."
-    )
+        gone = cumulative_trapezoid(series.value, series.time, initial=0)
+    unit = series.unit.removesuffix("/s")
+    full = float(gone[-1])
+    if unit == "kg" and total_mass is not None:
+        full = max(full, total_mass)
+    return read, Series(series.time, full - gone, "mass_left" if unit == "kg" else "left", unit)
 
 
 def _must_be_positive(sizes: dict[str, float | None]) -> None:

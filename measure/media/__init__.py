@@ -2,7 +2,7 @@
 
 - `video.py`: `open_video`, `Video`, `Frame`
 - `photo.py`: `read_photo`
-- `sources.py`: choose the reader for a file or folder; `Straight` corrects lens and perspective
+- `sources.py`: choose the reader for a file or folder; `Altered` corrects lens and perspective, or covers regions
 - `video_file.py`: video files through FFmpeg, with a cache of decoded pictures
 - `image_stack.py`: folders of numbered pictures, multi-page TIFF files
 - `photron.py`: Photron recordings (.cihx, .cih, .mraw)

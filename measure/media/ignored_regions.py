@@ -6,14 +6,12 @@ A covered region is smooth and, in a film, the same in every picture: it shows n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property, partial
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Image
-from rigtwin.measure.media.pictures import Picture, Source
 
 Region = tuple[float, float, float, float]
 
@@ -55,39 +53,10 @@ def _extent(start: float, length: float, whole: int, margin: int) -> tuple[slice
     return slice(first, max(last, first)), slice(max(first - margin, 0), min(last + margin, whole))
 
 
-class Covered:
-    """A source of whose pictures regions are covered by the surroundings that they have in the first one."""
-
-    def __init__(self, taken: Source, regions: Sequence[Region]) -> None:
-        self.taken, self.regions = taken, tuple(regions)
-        self.shape, self.stamps, self.rate, self.tick = taken.shape, taken.stamps, taken.rate, taken.tick
-        self.notes = taken.notes
-
-    def cheap(self, first: int, last: int) -> list[int]:
-        return self.taken.cheap(first, last)
-
-    def pictures(self, start: int = 0) -> Iterator[Picture]:
-        return map(self._without, self.taken.pictures(start))
-
-    def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
-        return map(self._without, self.taken.at(numbers))
-
-    @cached_property
-    def _fill(self) -> tuple[Image, Image]:
-        """The first picture with its regions covered, grey and in colour."""
-        grey, in_colour = next(iter(self.taken.at([0])))
-        return covered(grey, self.regions), covered(in_colour(), self.regions)
-
-    def _without(self, picture: Picture) -> Picture:
-        grey, in_colour = picture
-        return self._patched(grey, self._fill[0]), partial(self._in_colour, in_colour)
-
-    def _in_colour(self, in_colour: Callable[[], Image]) -> Image:
-        return self._patched(in_colour(), self._fill[1])
-
-    def _patched(self, picture: Image, fill: Image) -> Image:
-        out: Image = picture.copy()
-        for region in self.regions:
-            rows, columns, *_ = _places(region, picture.shape)
-            out[rows, columns] = fill[rows, columns]
-        return out
+def patched(picture: Image, fill: Image, regions: Sequence[Region]) -> Image:
+    """A copy of the picture with `regions` [px] taken from `fill`, a picture of the same shape."""
+    out: Image = picture.copy()
+    for region in regions:
+        rows, columns, *_ = _places(region, picture.shape)
+        out[rows, columns] = fill[rows, columns]
+    return out

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Lens
+from rigtwin.measure.media.ignored_regions import Region, covered, patched
 from rigtwin.measure.media.image_stack import Stack, Stills
 from rigtwin.measure.media.photron import Photron
 from rigtwin.measure.media.pictures import PHOTRON, STACKS, Picture, Source
@@ -34,11 +35,11 @@ def source(path: Path) -> Source:
     return Film(path)
 
 
-class Straight:
-    """A source whose pictures are corrected for lens distortion and perspective (see `undistort`)."""
+class Altered:
+    """A source of which every picture is altered by `alter`; size, times and notes stay."""
 
-    def __init__(self, taken: Source, lens: Lens) -> None:
-        self.taken, self.lens = taken, lens
+    def __init__(self, taken: Source, alter: Callable[[Picture], Picture]) -> None:
+        self.taken, self.alter = taken, alter
         self.shape, self.stamps, self.rate, self.tick = taken.shape, taken.stamps, taken.rate, taken.tick
         self.notes = taken.notes
 
@@ -46,14 +47,35 @@ class Straight:
         return self.taken.cheap(first, last)
 
     def pictures(self, start: int = 0) -> Iterator[Picture]:
-        return map(self._straightened, self.taken.pictures(start))
+        return map(self.alter, self.taken.pictures(start))
 
     def at(self, numbers: Sequence[int]) -> Iterator[Picture]:
-        return map(self._straightened, self.taken.at(numbers))
+        return map(self.alter, self.taken.at(numbers))
 
-    def _straightened(self, picture: Picture) -> Picture:
+
+def straightened(taken: Source, lens: Lens) -> Altered:
+    """The source with its pictures corrected for lens distortion and perspective (see `undistort`)."""
+
+    def alter(picture: Picture) -> Picture:
         grey, in_colour = picture
-        return straight(grey, self.lens), partial(_straight_colour, in_colour, self.lens)
+        return straight(grey, lens), partial(_straight_colour, in_colour, lens)
+
+    return Altered(taken, alter)
+
+
+def without_regions(taken: Source, regions: Sequence[Region]) -> Altered:
+    """The source with `regions` covered by the surroundings that they have in the first picture."""
+
+    @cache
+    def first() -> tuple[Image, Image]:
+        grey, in_colour = next(iter(taken.at([0])))
+        return covered(grey, regions), covered(in_colour(), regions)
+
+    def alter(picture: Picture) -> Picture:
+        grey, in_colour = picture
+        return patched(grey, first()[0], regions), lambda: patched(in_colour(), first()[1], regions)
+
+    return Altered(taken, alter)
 
 
 def _straight_colour(in_colour: Callable[[], Image], lens: Lens) -> Image:

@@ -21,8 +21,7 @@ from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure.media import pictures
-from rigtwin.measure.media.ignored_regions import Covered
-from rigtwin.measure.media.sources import Straight, source
+from rigtwin.measure.media.sources import source, straightened, without_regions
 from rigtwin.measure.media.time_base import ROUNDED, time_base
 from rigtwin.measure.media.validation import SMALLEST, must_exist, must_fit, must_lie_inside
 
@@ -164,7 +163,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     film: pictures.Source = source(path)
     if camera.lens is not None:
         must_fit(path, film.shape, camera.lens)
-        film = Straight(film, camera.lens)
+        film = straightened(film, camera.lens)
     stamps, stated, (height, width), warnings = film.stamps, film.rate, film.shape, list(film.notes)
     if len(stamps) < 3:
         raise UnreadableMedia(
@@ -173,7 +172,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     if min(height, width) < SMALLEST:
         raise UnreadableMedia(f"{path}: is only {width} x {height} px, too small to show a rig; give the clip itself.")
     must_lie_inside(path, camera, width, height)
-    film = Covered(film, camera.ignore) if camera.ignore else film
+    film = without_regions(film, camera.ignore) if camera.ignore else film
     if not (camera.frame_rate or stated) > 0:
         raise BadInput(f"{path}: the file states no frame rate; give the capture rate with --frame-rate 240Hz.")
     times, plays_at, oddities = time_base(stamps, stated, film.tick, camera.frame_rate)

@@ -16,7 +16,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import (
     Measurement,
 )
-from rigtwin.lab.tracked.read import read_profiles
+from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.packing.bed_profile import Observation
@@ -116,8 +116,8 @@ def measure(
                 raise BadInput(f"{photo}: holds {len(read.profiles)} profiles over time; give that of the bed at rest.")
             understood = understood or read.understood.to_json()
             seen.append(Observation(replace(read.profiles[0], view=photo.stem)))
-            source = "profile table" if camera.given_scale is None else camera.scale_from
-            views.append({"scale_m_per_px": camera.given_scale, "scale_from": source, "camera_roll_deg": None})
+            by_table = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
+            views.append({**by_table, **scale_used(read, camera)})
             beds.append(None)
             continue
         image, odd = read_photo(photo, camera)

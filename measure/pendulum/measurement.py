@@ -15,7 +15,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity, doubted, failed
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.lab.tracked.read import read_bodies
+from rigtwin.lab.tracked.read import read_bodies, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.lab.tracked.upright import by_swing
 from rigtwin.measure.media.duplicate_frames import without_repeats
@@ -176,7 +176,7 @@ def _measure_table(
     read = read_bodies(record, options, scale=camera.given_scale, frame_rate=camera.frame_rate, direction=by_swing)
     tracks = in_order(_named(read.tracks), variant)
     fit = fit_clip(record, tracks)
-    view: dict[str, object] = {}
+    view = scale_used(read, camera)
     warnings: tuple[str, ...] = ()
     if read.unit != "m":
         found = fit.propagate(outcomes_of)
@@ -187,8 +187,6 @@ def _measure_table(
         per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
         view = {per: scale, "scale_from": "pendulum length" if known else "gravity"}
         warnings = () if known else (UNCONFIRMED,)
-    elif camera.given_scale is not None:
-        view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
     evaluation = judge(fit, None if view.get("scale_from") == "pendulum length" else length, bead_diameter, bead_mass)
     files = {}
     if out is not None:

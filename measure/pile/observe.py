@@ -18,7 +18,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import failed
 from rigtwin.lab.records import Profile
-from rigtwin.lab.tracked.read import read_profiles
+from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.bulk.hidden_surface import glare_in, under_glare
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
@@ -74,9 +74,10 @@ def observe_table(
         return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")}
 
     view = {
-        "scale_m_per_px": camera.given_scale,
-        "scale_from": "profile table" if camera.given_scale is None else camera.scale_from,
+        "scale_m_per_px": None,
+        "scale_from": "profile table",
         "camera_roll_deg": None,
+        **scale_used(read, camera),
         "table": read.understood.to_json(),
     }
     return Observation(profile), view, draw

@@ -14,14 +14,20 @@ from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series, Track
-from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series
+from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, evaluate_run, onset_of, way_down
 from rigtwin.measure.tilt.onset import Variant
 
 NOMINAL = 3e-4  # [m/px], until gravity gives the scale
 
-RIDES = 3.0  # factor of residuals up to which the body still rides on the plate
+LEVEL_UNKNOWN = (
+    "the table does not say how well its angle is known against the horizontal: that is not part of the uncertainties."
+)
+
+SAME = 1.5  # ratio of residuals up to which an axis at the origin of the table explains the ride as well
+
+RIDES = 3.0  # residual relative to that of the best shorter stretch, up to which the body still rides on the plate
 
 
 def measure_table(
@@ -68,10 +74,8 @@ def measure_table(
     uncertainty = GIVEN_UNCERTAINTY if known else math.inf
     way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
     run, onset = onset_of(way, str(path))
-    view: dict[str, object] = {}
-    if camera.given_scale is not None and known:
-        view = {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from}
-    elif not known:
+    view = scale_used(read, camera)
+    if not known:
         view = {"scale_m_per_px" if read.unit == "px" else "scale_m_per_unit": NOMINAL / onset.gain}
         view["scale_from"] = "gravity"
         track = replace(track, position=track.position / onset.gain, sigma=track.sigma / onset.gain)
@@ -102,7 +106,7 @@ def measure_table(
         sha256(path),
         evaluation.quantities,
         evaluation.checks,
-        (*evaluation.warnings, *several, *read.understood.proposals),
+        (*evaluation.warnings, LEVEL_UNKNOWN, *several, *read.understood.proposals),
         camera=view,
         tracks=(track,),
         series=(plate.series,),
@@ -116,7 +120,7 @@ def _angle(path: Path, options: TableOptions | None, given: Path | None, frame_r
     beside = path.with_name(path.name.replace("-track.", "-angle."))
     candidates = [given] if given is not None else [path, *([beside] if beside != path and beside.exists() else [])]
     for candidate in candidates:
-        found = read_series(candidate, "angle", options if candidate == path else None, frame_rate=frame_rate)
+        found = read_series(candidate, ["angle"], options if candidate == path else None, frame_rate=frame_rate)
         if found is not None:
             flat = float(np.median(found.series.value)) < 0
             series = replace(found.series, value=-found.series.value) if flat else found.series
@@ -165,6 +169,9 @@ def in_the_rigs_axes(angle: Series, track: Track) -> tuple[Track, str]:
     _, (x0, y0, a, _), sign = min(fits, key=lambda each: each[0])
     if abs(fits[0][0] - fits[1][0]) < 0.1 * max(fits[0][0], fits[1][0]):  # the plate hardly turns: as in the file
         _, (x0, y0, a, _), sign = fits[0]
+    as_it_is, (_, _, along_plate, _) = _ride(alpha[seen], track.position[seen], centred=True)
+    if along_plate > 0 and as_it_is < SAME * min(each[0] for each in fits):
+        return track, "axes as in the table: its origin is on the plate's axis"
     half_turn = -1.0 if a < 0 else 1.0
     position = half_turn * (track.position * [1, sign] - [x0, y0])
     up, along = half_turn * sign > 0, half_turn > 0
@@ -176,8 +183,8 @@ def in_the_rigs_axes(angle: Series, track: Track) -> tuple[Track, str]:
     return replace(track, position=position), ", ".join(filter(None, words))
 
 
-def _ride(alpha: Array, position: Array) -> tuple[float, tuple[float, float, float, float]]:
-    """Residual and axis and seat of a body that rides on the plate for as long as this fits."""
+def _ride(alpha: Array, position: Array, *, centred: bool = False) -> tuple[float, tuple[float, float, float, float]]:
+    """Residual, axis and seat of a body that rides on the plate for as long as this fits; `centred`: axis at (0, 0)."""
     best: tuple[float, tuple[float, float, float, float]] | None = None
     for share in (0.3, 0.5, 0.7, 0.9):
         n = max(4, round(share * len(alpha)))
@@ -185,7 +192,9 @@ def _ride(alpha: Array, position: Array) -> tuple[float, tuple[float, float, flo
         one, none = np.ones(n), np.zeros(n)
         matrix = np.vstack([np.column_stack([one, none, cos, -sin]), np.column_stack([none, one, sin, cos])])
         wanted = np.concatenate([position[:n, 0], position[:n, 1]])
-        found, *_ = np.linalg.lstsq(matrix, wanted, rcond=None)
+        found = np.zeros(4)
+        free = slice(2 if centred else 0, 4)
+        found[free], *_ = np.linalg.lstsq(matrix[:, free], wanted, rcond=None)
         residual = float(np.sqrt(np.mean((matrix @ found - wanted) ** 2)))
         if best is not None and residual > RIDES * best[0]:
             break

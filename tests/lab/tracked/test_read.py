@@ -1,14 +1,16 @@
 """Tables of other programs are read in SI units, and what was understood is stated."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, BadQuantity
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
-from rigtwin.lab.tracked.read import read_bodies, read_profiles, read_series
+from rigtwin.lab.tracked.read import read_bodies, read_profiles, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.tracked.upright import by_fall, by_swing
 
@@ -139,6 +141,25 @@ def test_trackmates_xml_holds_several_bodies(tmp_path):
     np.testing.assert_allclose(second.position[:, 1], [0, 0.01, 0.02])
 
 
+TRACKS = '<Tracks spaceUnits="mm" frameInterval="{}" timeUnits="sec"><particle>{}</particle></Tracks>'
+BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>'
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "complaint"),
+    [
+        (TRACKS.format("fast", '<detection t="1" x="1" y="1" />'), "a.xml", "frameInterval of Tracks is 'fast'"),
+        (TRACKS.format("1", '<detection t="now" x="1" y="1" />'), "a.xml", "frame of a point is 'now'"),
+        (BOMB + TRACKS.format("1", '<detection t="&b;" x="1" y="1" />'), "a.xml", "declares XML entities"),
+        (TRACKER.format(MARK.format(0, "left", 2)), "a.trk", "x is 'left'"),
+        (TRACKER.format(MARK.format(0, 1, 2)).replace("1000.0", "0"), "a.trk", "xscale is 0"),
+    ],
+)
+def test_a_project_file_with_a_bad_entry_is_refused(tmp_path, text, name, complaint):
+    with pytest.raises(BadInput, match=re.escape(complaint)):
+        read_bodies(written(tmp_path, text, name))
+
+
 @pytest.mark.parametrize(
     "header",
     [
@@ -170,6 +191,16 @@ def test_stated_columns_and_units_come_first(tmp_path):
         read_bodies(path, TableOptions(parse_columns("y=height")))
     with pytest.raises(BadQuantity, match="names no column"):
         parse_columns("frame")
+
+
+@pytest.mark.parametrize(("unit", "used"), [("px", True), ("mm", False)])
+def test_a_given_scale_is_stated_as_used_for_pixels_only(tmp_path, unit, used):
+    camera = Camera(scale=1e-3)
+    table = f"t_s,x_{unit},y_{unit}\n0,1,50\n0.1,2,40\n0.2,3,20\n"
+    found = read_bodies(written(tmp_path, table), scale=camera.given_scale)
+    (track,) = found.tracks
+    np.testing.assert_allclose(track.position, np.column_stack([X, Y]))
+    assert scale_used(found, camera) == ({"scale_m_per_px": 1e-3, "scale_from": "given"} if used else {})
 
 
 def test_pixels_stay_pixels_without_a_scale(tmp_path):
@@ -265,7 +296,7 @@ def test_a_surface_over_time_is_one_profile_for_each_time(tmp_path):
 )
 def test_a_value_over_time_is_read_in_si(tmp_path, header, role, values, unit):
     path = written(tmp_path, f"{header}\n0,10\n1,20\n")
-    found = read_series(path, role)
+    found = read_series(path, [role])
     assert found is not None
     if values is None:
         assert "degrees are taken" in "".join(found.understood.notes)

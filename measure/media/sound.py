@@ -1,0 +1,67 @@
+"""Read the sound of a recording or a film."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import av
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import UnreadableMedia
+
+SOUNDS = (".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus")
+"""Suffixes of files that hold sound and no film."""
+
+LOSSLESS = ("pcm", "flac", "alac", "wavpack")
+
+
+@dataclass(frozen=True)
+class Sound:
+    """Sound pressure over time, in arbitrary units; the mean of all channels."""
+
+    samples: Array  # shape (n,)
+    rate: float  # [1/s]
+    start: float  # [s], time of the first sample
+    lossy: bool = False  # whether the codec spreads clicks in time, as AAC and MP3 do
+
+
+def is_sound(path: Path) -> bool:
+    """Whether the suffix of a file is that of a sound recording."""
+    return path.suffix.lower() in SOUNDS
+
+
+def has_sound(path: Path) -> bool:
+    """Whether a file holds a sound track that can be opened."""
+    try:
+        with av.open(str(path)) as container:
+            return len(container.streams.audio) > 0
+    except (av.FFmpegError, OSError):
+        return False
+
+
+def read_sound(path: Path) -> Sound:
+    """Read the first sound track of a file.
+
+    Raises `UnreadableMedia` if there is none or it cannot be decoded.
+    """
+    if not path.exists():
+        raise UnreadableMedia(f"{path}: no such file; give a sound recording or a film with sound.")
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.audio:
+                raise UnreadableMedia(f"{path}: the file has no sound track.")
+            stream = container.streams.audio[0]
+            resampler = av.AudioResampler(format="flt", layout="mono")
+            lossy = not stream.codec_context.name.startswith(LOSSLESS)
+            parts, start, rate = [], None, float(stream.rate)
+            for frame in container.decode(stream):
+                start = frame.time if start is None else start
+                parts += [each.to_ndarray().ravel() for each in resampler.resample(frame)]
+            parts += [each.to_ndarray().ravel() for each in resampler.resample(None)]
+    except (av.FFmpegError, OSError) as error:
+        raise UnreadableMedia(f"{path}: the sound cannot be decoded ({error}).") from None
+    if not parts or not rate > 0:
+        raise UnreadableMedia(f"{path}: the sound track is empty.")
+    return Sound(np.concatenate(parts).astype(np.float64), rate, float(start or 0.0), lossy)
