@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check
-from rigtwin.measure.geometry.lines import at, straight
+from rigtwin.measure.geometry.lines import at
 
 STATED_TO = math.radians(0.5)  # accuracy of a stated camera roll
 
@@ -218,5 +218,10 @@ def _sharpened(picture: npt.NDArray[np.float32], segment: Array) -> Array:
     slope = np.gradient(cv2.remap(smooth, columns, rows, cv2.INTER_LINEAR).astype(np.float64), axis=0)
     strength = np.abs(slope) ** 2
     off = np.sum(strength * across[:, None], axis=0) / np.maximum(strength.sum(axis=0), 1e-9)
-    (offset, lean), _, _ = straight(x - x[0], y + off, np.ones_like(x))
-    return np.array([x[0], offset, x[-1], offset + lean * (x[-1] - x[0])])
+    kept = np.ones(len(x), dtype=bool)
+    line = np.zeros(2)
+    for _ in range(3):
+        line = np.polyfit(x[kept], (y + off)[kept], 1)
+        miss = np.abs(y + off - np.polyval(line, x))
+        kept = miss <= max(2.5 * 1.4826 * float(np.median(miss)), 0.1)
+    return np.array([x[0], np.polyval(line, x[0]), x[-1], np.polyval(line, x[-1])])

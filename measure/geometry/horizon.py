@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.geometry.lines import Line, long_lines
-from rigtwin.measure.robust import robust_linear_fit
 
 MOST_ROLL = math.radians(8)  # largest slope of an edge that counts as level
 SIDEWAYS = math.radians(2.0)  # prior standard deviation of the angle between view and normal of the rig's plane
@@ -24,7 +23,6 @@ ELSEWHERE = math.radians(0.15)  # the same for edges of other objects (a shelf, 
 ALONE = math.radians(0.5)  # the same if no edge of the plate is found
 FAINT = 0.35  # minimum strength of a plate's edge relative to the strongest one
 POOR = math.radians(0.06)  # largest standard uncertainty of an edge's direction
-DISAGREES = 3.0  # standard uncertainties at which an edge keeps a quarter of its weight
 ODD = 4.0  # residuals are clipped at this many standard uncertainties
 PARALLEL = math.radians(0.7)  # largest difference between edges that count as parallel
 
@@ -103,17 +101,17 @@ def _fit(lines: list[Line], systematic: Array, centre: tuple[float, float], usua
     kept = np.abs(slopes - leader) < PARALLEL
     rows, slopes, sigma, systematic = rows[kept], slopes[kept], sigma[kept], systematic[kept]
     lines = [line for line, keep in zip(lines, kept, strict=True) if keep]
-    fit = robust_linear_fit(
-        np.column_stack([np.ones_like(rows), rows]) / sigma[:, None],
-        slopes / sigma,
-        np.ones(len(lines)),
-        scale=1.0,
-        cutoff=DISAGREES,
-        prior=(np.array([0.0, usual[0]]), np.array([0.0, usual[1] ** -2])),
-    )
-    answer, covariance = fit.answer, fit.covariance
+    usual_weight = np.ones(len(lines))
+    design = np.column_stack([np.ones_like(rows), rows])
+    answer, covariance = np.array([leader, 0.0]), np.eye(2)
+    for _ in range(10):
+        w = usual_weight / sigma**2
+        covariance = np.linalg.inv((design * w[:, None]).T @ design + np.diag([0.0, 1 / usual[1] ** 2]))
+        answer = covariance @ (design.T @ (w * slopes) + np.array([0.0, usual[0] / usual[1] ** 2]))
+        miss = np.abs(slopes - design @ answer) / sigma
+        usual_weight = 1 / (1 + (miss / 3) ** 2) ** 2
     if len(lines) > 2:  # scale the covariance by the reduced chi-square if the edges disagree
-        covariance = covariance * max(1.0, float(np.sum(np.minimum(fit.miss, ODD) ** 2)) / (len(lines) - 2))
+        covariance = covariance * max(1.0, float(np.sum(np.minimum(miss, ODD) ** 2)) / (len(lines) - 2))
     # edges of one plate share its systematic errors, which do not average out
     own = math.hypot(math.sqrt(covariance[0, 0]), float(systematic.min()) / 2)
     return Level(

@@ -11,10 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
-from rigtwin.measure.robust import robust_linear_fit
 
 STEP = math.radians(0.1)  # angular resolution of the Hough transform
-RAGGED = 0.05  # [px], lower limit of the scatter of an edge about its line
 
 
 @dataclass(frozen=True)
@@ -138,13 +136,21 @@ def straight(x: Array, y: Array, weight: Array) -> tuple[tuple[float, float], fl
 
     `x`, `y` and `weight` have shape (n,).
     """
-    fit = robust_linear_fit(np.column_stack([np.ones_like(x), x]), y, weight, least_scale=RAGGED)
-    w = fit.weight
-    apart = (x - w @ x / w.sum()) ** 2
+    usual = np.ones_like(y)
+    offset, slope, miss, scale = 0.0, 0.0, np.abs(y), 1.0
+    for _ in range(12):
+        w = weight * usual
+        total = w.sum() + 1e-12
+        mean_x, mean_y = (w @ x) / total, (w @ y) / total
+        slope = float((w @ ((x - mean_x) * (y - mean_y))) / (w @ (x - mean_x) ** 2 + 1e-12))
+        offset = float(mean_y - slope * mean_x)
+        miss = np.abs(y - offset - slope * x)
+        scale = max(1.4826 * float(np.median(miss)), 0.05)
+        usual = 1 / (1 + (miss / (2.5 * scale)) ** 2) ** 2
+    w = weight * usual
     # residuals of neighbouring columns are correlated (texture, compression): ten columns count as one independent one
-    sigma = fit.scale * math.sqrt(10 * float(w**2 @ apart)) / float(w @ apart)
-    offset, slope = map(float, fit.answer)
-    return (offset, slope), sigma, float(np.mean(fit.miss < 3 * fit.scale))
+    sigma = scale * math.sqrt(10 * float(w @ (w * (x - w @ x / w.sum()) ** 2))) / float(w @ (x - w @ x / w.sum()) ** 2)
+    return (offset, slope), sigma, float(np.mean(miss < 3 * scale))
 
 
 def fullest_run(kept: npt.NDArray[np.bool_], gap: int) -> tuple[int, int] | None:

@@ -113,7 +113,7 @@ def _first_changes(level: Array, empty: Array, masked: Mask) -> Array:
 
 def _smoothing(level: Array) -> int:
     """Number of columns to average, so that a slide of low contrast is visible in a noisy film."""
-    noise = float(mad_std(np.diff(level[:STILL], axis=0), centre=0.0)) / math.sqrt(2)
+    noise = mad_std(np.diff(level[:STILL], axis=0), centre=0.0) / math.sqrt(2)
     return 2 * int(np.clip(round(noise / 3), 0, 4)) + 1
 
 

@@ -121,7 +121,7 @@ def residual_check(fit: SwingFit) -> Check:
         left = residual[swings]
         misses.append(left.ravel())
         steps.append(np.diff(left, axis=0).ravel() / math.sqrt(2))
-    off, noise = (float(mad_std(np.concatenate(each), centre=0.0)) for each in (misses, steps))
+    off, noise = (mad_std(np.concatenate(each), centre=0.0) for each in (misses, steps))
     ratio = off / max(noise, LEAST_NOISE * float(fit.swings["length_0"]))
     passed = ratio < MOST_MISFIT or off < LEAST_MISFIT * float(fit.swings["length_0"])
     message = f"residuals from the fitted swings are {ratio:.2f} times the frame-to-frame noise of the tracks"

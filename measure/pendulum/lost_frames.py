@@ -17,9 +17,8 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.records import Track
 from rigtwin.measure.media.frame_loss import MOST, OUTLIER, Loss, in_time
-from rigtwin.measure.pendulum.swing_fit import SwingFit, frame_interval, misses_of, slopes_of
+from rigtwin.measure.pendulum.swing_fit import SwingFit, correlation, frame_interval, misses_of, slopes_of
 from rigtwin.measure.pendulum.swing_model import angles, positions
-from rigtwin.measure.robust import autocorrelation_factor
 
 Fit = Callable[[tuple[Track, ...]], SwingFit]
 
@@ -110,7 +109,7 @@ def _step(fit: SwingFit) -> _Step:
     end, frames = last[best], float(along[last[best]] / seen[best])
     after = left - frames * (ahead * (time >= since[end]) - ways @ taken[end])
     count = len(own[0])
-    together = np.mean([autocorrelation_factor(series) for series in after[:count].reshape(2, -1)])
+    together = correlation(after[:count].reshape(2, -1))
     return _Step(
         float(since[end]),
         frames,

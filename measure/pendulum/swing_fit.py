@@ -8,7 +8,7 @@ and after it meet.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -20,9 +20,10 @@ from rigtwin.lab.quantity import root_sum_of_squares
 from rigtwin.lab.records import Track
 from rigtwin.measure.geometry.circle import fit_circle
 from rigtwin.measure.pendulum.swing_model import Swings, angles, positions, states_at_collision
-from rigtwin.measure.robust import autocorrelation_factor, mad_std, third_differences
+from rigtwin.measure.robust import autocorrelation_factor, mad_std
 
 SETTLED = 0.02  # relative change of the noise below which its iteration has converged
+MOST_LAGS = 25  # at which the autocorrelation of residuals is summed
 
 FEWEST_AFTER = 3  # minimum number of points after a collision for the speed of a bead
 
@@ -170,8 +171,9 @@ def onset(track: Track) -> int | None:
 
 
 def jitter(track: Track) -> float:
-    """Noise of one coordinate [m] without a model of the motion."""
-    return float(mad_std(third_differences(track.time, track.position), centre=0.0))
+    """Noise of one coordinate [m] from second differences: an upper limit, as it includes the path's curvature."""
+    second = np.diff(track.position, n=2, axis=0)
+    return float(np.median(np.abs(second))) / (0.6745 * math.sqrt(6))
 
 
 def frame_interval(track: Track) -> float:
@@ -314,7 +316,7 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
                 "--region."
             )
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
-        spread = float(mad_std(scaled, centre=0.0))
+        spread = mad_std(scaled, centre=0.0)
         noise = max(float(np.sqrt(np.mean(scaled[np.abs(scaled) < 6 * spread + 1e-12] ** 2))), 1e-7)
         outlier = [
             np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
@@ -426,7 +428,7 @@ def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: flo
     count = len(slopes) - len(PRIORS)
     # correlated residuals (background, lens, texture) carry less information than their number suggests
     series = [values for residual, used in zip(residuals, data.used, strict=True) for values in residual[used].T]
-    seen = slopes[:count].T @ slopes[:count] / np.mean([autocorrelation_factor(values) for values in series])
+    seen = slopes[:count].T @ slopes[:count] / correlation(series)
     causes = {"tracking": seen}
     for row, name in enumerate(PRIORS):
         cause = _CAUSES[name]
@@ -489,6 +491,11 @@ def _drifts(time: Array, cuts: list[float]) -> Array:
         along = 2 * since / max(float(since[-1]), 1e-9) - 1
         columns[mine, 2 * k : 2 * k + 2] = np.polynomial.legendre.legvander(along, 2)[:, 1:]
     return columns
+
+
+def correlation(series: Iterable[Array]) -> float:
+    """Mean autocorrelation factor of the residuals of several coordinates, each up to its first zero."""
+    return float(np.mean([autocorrelation_factor(each, min(MOST_LAGS, len(each) // 3)) for each in series]))
 
 
 def _end_of_last_swing(swings: Swings) -> float:

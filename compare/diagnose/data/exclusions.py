@@ -123,7 +123,7 @@ def _faults(track: Track, noise: float) -> tuple[Any, Any]:
         y = track.position[:, k]
         before, after = y - ahead[0][:, k], y - behind[0][:, k]
         # a track with other errors than white noise, such as uneven frames, sets its own scale
-        typical = max(float(mad_std(before[np.isfinite(before)], centre=0.0)), 2.3 * noise)
+        typical = max(mad_std(before[np.isfinite(before)], centre=0.0), 2.3 * noise)
         far = (np.abs(before) > FAR * typical) & (np.abs(after) > FAR * typical)
         off |= far & (np.sign(before) == np.sign(after))
         # the paths before and after, each extrapolated by half a step to the middle between two rows

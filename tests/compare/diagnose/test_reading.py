@@ -262,12 +262,14 @@ def test_a_setting_common_to_all_conditions_may_be_stated_once(pendulums):
     assert set(read_tracked_lab(pendulums).setting("length_m")) == {0.4}
 
 
-def test_the_noise_of_unevenly_spaced_rows_is_estimated_at_their_times(drops):
+def test_the_noise_of_unevenly_spaced_rows_must_be_stated(drops):
     gaps = np.array([1, 2, 5])  # frames to the next row: no three in a row are alike
     for path in (drops / "c").glob("rep*.csv"):
         rewrite(path, lambda rows: [rows[k] for k in np.cumsum(np.tile(gaps, 40)) if k < len(rows)])
+    assert bench_of(read_tracked_lab(drops)).noise == NOISE
     change(drops, {"camera": {"frame_rate_hz": 240}})
-    assert bench_of(read_tracked_lab(drops)).noise == pytest.approx(NOISE, rel=0.2)
+    with pytest.raises(BadInput, match=r"evenly spaced.*state tracking_noise_m"):
+        bench_of(read_tracked_lab(drops))
 
 
 @pytest.mark.parametrize(
