@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from rigtwin.commands.options import PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity, tracked
+from rigtwin.commands.options import FILM, PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity, tracked
 from rigtwin.commands.run_command import Work, measured
 
 app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True, rich_markup_mode=None)
@@ -23,7 +23,7 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
-@filmed()
+@filmed(*FILM)
 @tracked
 def measure_drop(
     clip: Annotated[
@@ -55,7 +55,7 @@ def measure_drop(
     epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
 )
 @measured("pendulum")
-@filmed()
+@filmed(*FILM)
 @tracked
 def measure_pendulum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum, or a table of its tracks.")],
@@ -86,7 +86,7 @@ def measure_pendulum(
 
 @app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
-@filmed()
+@filmed(*FILM)
 @tracked
 def measure_tilt(
     clip: Annotated[
@@ -181,7 +181,7 @@ def measure_pile(
 
 @app.command("drum", epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
 @measured("drum")
-@filmed()
+@filmed(*FILM, "circle")
 @tracked
 def measure_drum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the rotating drum, a picture, or a table.")],
@@ -210,7 +210,7 @@ def measure_drum(
 
 @app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
 @measured("hopper")
-@filmed()
+@filmed(*FILM)
 @tracked
 def measure_hopper(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper, or a table over time.")],

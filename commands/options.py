@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -99,7 +99,7 @@ TotalMass = Annotated[float | None, quantity("--total-mass", "mass", "212.7g", "
 def _read_by(reader: str, flag: str, metavar: str, help_text: str) -> Any:
     """An option of the camera; `reader` is the function of `rigtwin.lab.camera` that reads its text."""
 
-    def read(text: str) -> Any:
+    def read(text: Any) -> Any:
         from rigtwin.lab import camera
 
         return getattr(camera, reader)(text, name=flag)
@@ -154,6 +154,35 @@ CAMERA: dict[str, Any] = {
         list[Any] | None,
         _read_by("region", "--ignore", "x,y,w,h", "Take nothing from here (pixels; may be repeated): lamp, hand."),
     ],
+    "bead_at": Annotated[
+        Any,
+        _read_by("seed", "--bead-at", "frame:x,y", "Where the bead is in one frame (pixels); its track begins there."),
+    ],
+    "plate": Annotated[
+        Any, _read_by("line", "--plate", "x1,y1,x2,y2", "Two points of the plate's surface (pixels; first frame).")
+    ],
+    "pivot": Annotated[
+        list[Any] | None,
+        _read_by("point", "--pivot", "x,y", "The hinge (pixels); twice for two: of bead A, then of B."),
+    ],
+    "base": Annotated[
+        Any,
+        _read_by("line", "--base", "x1,y1,x2,y2", "Left and right end of the base that the heap stands on (pixels)."),
+    ],
+    "flank": Annotated[
+        Literal["left", "right", "both"] | None,
+        typer.Option(help="The flanks that are measured; both where there are two."),
+    ],
+    "cylinder": Annotated[
+        Any, _read_by("line", "--cylinder", "x1,y1,x2,y2", "The two inner walls at the floor (pixels).")
+    ],
+    "floor": Annotated[
+        Any, _read_by("height", "--floor", "y", "Height of the floor in the picture (pixels from the top).")
+    ],
+    "circle": Annotated[
+        Any, _read_by("circle", "--circle", "cx,cy,r", "The drum's inner rim: centre and radius (pixels).")
+    ],
+    "slot": Annotated[Any, _read_by("line", "--slot", "x1,y1,x2,y2", "The two edges of the outlet (pixels).")],
 }
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
 
@@ -190,6 +219,7 @@ TABLE: dict[str, tuple[Any, Any]] = {
 SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
 
 PHOTO = ("scale", "known_length", "region", "ignore", "camera_roll", "plumb_line", "board")
+FILM = ("frame_rate", "start", "end", *PHOTO)
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
 Runs = Annotated[
@@ -253,8 +283,8 @@ def with_options(
 
 
 def filmed(*names: str) -> Callable[[Command], Command]:
-    """Give a command the camera's options (all, or those named); it gets them as one keyword, `camera`."""
-    wanted = {name: (CAMERA[name], None) for name in names or CAMERA}
+    """Give a command the camera's options that are named; it gets them as one keyword, `camera`."""
+    wanted = {name: (CAMERA[name], None) for name in CAMERA if name in names}
     return gathered("camera", wanted, camera_of)
 
 
@@ -287,6 +317,7 @@ def camera_of(
     camera_roll: float | None = None,
     plumb_line: float | None = None,
     ignore: list[Any] | None = None,
+    pivot: list[Any] | None = None,
     **said: Any,
 ) -> Any:
     """The `Camera` that the options describe."""
@@ -296,7 +327,10 @@ def camera_of(
     if camera_roll is not None and plumb_line is not None:
         raise BadInput("--camera-roll and --plumb-line are both given; leave one of them out.")
     described = camera.Camera(
-        **said, roll=camera_roll if plumb_line is None else plumb_line, ignore=tuple(ignore or ())
+        **said,
+        roll=camera_roll if plumb_line is None else plumb_line,
+        ignore=tuple(ignore or ()),
+        pivots=tuple(pivot or ()),
     )
     if described.board is None:
         return described

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -23,7 +24,13 @@ WIDEST_PIXEL = 0.1  # [m], of which a picture shows some hundred metres; "0.3" w
 FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the pen
 
 
+STATED_SIGMA = 2.0  # [px], standard uncertainty of a point that the user states, read off the picture by eye
+
 Kind = Literal["checkerboard", "charuco", "aruco"]
+Point = tuple[float, float]
+"""A place in the picture [px], x to the right, y down, centre of the top-left pixel is (0, 0)."""
+Line = tuple[Point, Point]
+Flank = Literal["left", "right", "both"]
 
 
 @dataclass(frozen=True)
@@ -31,8 +38,8 @@ class KnownLength:
     """A length in view and the two picture points it spans."""
 
     length: float  # [m]
-    start: tuple[float, float]  # [px], x to the right, y down, centre of the top-left pixel is (0, 0)
-    end: tuple[float, float]  # [px]
+    start: Point
+    end: Point
 
     @property
     def scale(self) -> float:
@@ -47,6 +54,14 @@ class Moment:
 
     value: float
     unit: str  # "s" or "frame"
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Where a body is in one frame."""
+
+    frame: int
+    at: Point
 
 
 @dataclass(frozen=True)
@@ -85,8 +100,18 @@ class Camera:
     end: Moment | None = None
     roll: float | None = None  # [rad], positive when the scene looks turned clockwise in the picture
     board: Board | None = None
-    lens: Lens | None = None  # what the board says; all places are of straight pictures then
-    ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each region
+    lens: Lens | None = None  # what the board says; all places below and above are of straight pictures then
+    # what is stated instead of being found in the picture; used as stated, with the uncertainty STATED_SIGMA
+    ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each
+    bead_at: Seed | None = None  # drop, pendulum, tilt: where the track begins
+    plate: Line | None = None  # drop: surface that the bead hits; tilt: surface of the plate in the first frame
+    pivots: tuple[Point, ...] = ()  # pendulum: hinge of bead A, and of bead B
+    base: Line | None = None  # pile: left and right end of the line that the heap stands on
+    flank: Flank | None = None  # pile: the flanks that are measured
+    cylinder: Line | None = None  # packing: inner walls at the floor
+    floor: float | None = None  # [px] packing: y of the floor
+    circle: tuple[float, float, float] | None = None  # [px] drum: centre x, y and radius of the inner rim
+    slot: Line | None = None  # hopper: the two edges of the outlet
 
     def __post_init__(self) -> None:
         for name in ("frame_rate", "scale"):
@@ -104,9 +129,42 @@ class Camera:
             raise BadInput("a scale and a known length are both given; leave one of them out.")
         if self.board is not None and self.lens is None and self.given_scale is not None:
             raise BadInput("a board and a scale are both given; leave one of them out.")
+        if len(self.pivots) > 2:
+            raise BadInput(f"{len(self.pivots)} pivots are given; a pendulum has one or two.")
         start, end = self.start, self.end
         if start and end and start.unit == end.unit and start.value >= end.value:
             raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")
+
+    def places(self) -> Iterator[tuple[str, Point]]:
+        """Option and place [px] of every point that is stated."""
+        length = self.known_length
+        lines = {
+            "--known-length": None if length is None else (length.start, length.end),
+            "--plate": self.plate,
+            "--base": self.base,
+            "--cylinder": self.cylinder,
+            "--slot": self.slot,
+        }
+        for option, ends in lines.items():
+            yield from ((option, end) for end in ends or ())
+        yield from (("--pivot", pivot) for pivot in self.pivots)
+        if self.bead_at is not None:
+            yield "--bead-at", self.bead_at.at
+        if self.floor is not None:
+            yield "--floor", (0.0, self.floor)
+        if self.circle is not None:
+            yield "--circle", self.circle[:2]
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """Names of the places that are used as stated instead of being found."""
+        names = ("bead_at", "plate", "pivots", "base", "flank", "cylinder", "floor", "circle", "slot")
+        return tuple(name for name in names if getattr(self, name) not in (None, ()))
+
+    @property
+    def stated_view(self) -> dict[str, list[str]]:
+        """`stated` for the JSON document of a measurement; empty where nothing is stated."""
+        return {"stated": list(self.stated)} if self.stated else {}
 
     @property
     def given_scale(self) -> float | None:
@@ -204,6 +262,51 @@ def region(text: str, *, name: str = "region") -> tuple[float, float, float, flo
     if width <= 0 or height <= 0:
         raise BadQuantity(f"{name}: {text!r} is empty; width and height must be positive pixels.")
     return x, y, width, height
+
+
+def line(text: str, *, name: str = "base") -> Line:
+    """Parse ``"x1,y1,x2,y2"``, two points of a line in the picture, in the order from left to right.
+
+    >>> line("500,310,100,300")
+    ((100.0, 300.0), (500.0, 310.0))
+    """
+    x1, y1, x2, y2 = _floats(text, 4, name, "x1,y1,x2,y2")
+    if math.hypot(x2 - x1, y2 - y1) < SHORTEST_LINE:
+        raise BadQuantity(f"{name}: {text!r} is shorter than {SHORTEST_LINE:g} pixels; give two points far apart.")
+    first, second = sorted([(x1, y1), (x2, y2)])
+    return first, second
+
+
+def point(text: str, *, name: str = "pivot") -> Point:
+    """Parse ``"x,y"`` in pixels."""
+    x, y = _floats(text, 2, name, "x,y")
+    return x, y
+
+
+def circle(text: str, *, name: str = "circle") -> tuple[float, float, float]:
+    """Parse ``"cx,cy,r"`` in pixels."""
+    x, y, radius = _floats(text, 3, name, "cx,cy,r")
+    if radius <= SHORTEST_LINE:
+        raise BadQuantity(f"{name}: {text!r} has a radius of at most {SHORTEST_LINE:g} pixels; give the inner rim.")
+    return x, y, radius
+
+
+def height(text: str | float, *, name: str = "floor") -> float:
+    """Parse a height in the picture, ``"y"`` in pixels."""
+    return _floats(str(text), 1, name, "y")[0]
+
+
+def seed(text: str, *, name: str = "bead_at") -> Seed:
+    """Parse ``"frame:x,y"``.
+
+    >>> seed("12:310,88.5")
+    Seed(frame=12, at=(310.0, 88.5))
+    """
+    frame, separator, place = text.partition(":")
+    if not separator or not frame.strip().isdigit():
+        raise BadQuantity(f"{name}: {text!r} is not of the form 'frame:x,y', like '12:310,88'.")
+    x, y = _floats(place, 2, name, "frame:x,y")
+    return Seed(int(frame), (x, y))
 
 
 def moment(text: str | float, *, name: str = "start") -> Moment:

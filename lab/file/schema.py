@@ -9,8 +9,8 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
@@ -21,6 +21,8 @@ from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.rigs import UPSIDE_DOWN
+from rigtwin.lab.tracked.columns import parse_columns, parse_joined
+from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
 HERE = Path()
@@ -156,6 +158,27 @@ def _regions(value: Any) -> tuple[tuple[float, float, float, float], ...]:
     return tuple(_region(each) for each in several)
 
 
+def _points(value: Any) -> tuple[camera.Point, ...]:
+    several = value if isinstance(value, list) else [value]
+    return tuple(camera.point(_text(each, "320,40"), name="value") for each in several)
+
+
+def _line(value: Any) -> camera.Line:
+    return camera.line(_text(value, "100,300,500,300"), name="value")
+
+
+def _circle(value: Any) -> tuple[float, float, float]:
+    return camera.circle(_text(value, "320,240,200"), name="value")
+
+
+def _floor(value: Any) -> float:
+    return camera.height(value, name="value")
+
+
+def _seed(value: Any) -> camera.Seed:
+    return camera.seed(_text(value, "12:310,88"), name="value")
+
+
 def _text(value: Any, example: str) -> str:
     if not isinstance(value, str):
         raise BadInput(f"{value!r} is not a text; write it like {example!r}.")
@@ -175,6 +198,15 @@ def _whole(value: Any) -> int:
     if value > MOST_PARTICLES:
         raise BadInput(f"{value!r} is more than the {MOST_PARTICLES} particles that a twin can have.")
     return value
+
+
+def _columns(value: Any) -> Mapping[str, tuple[str, str]]:
+    return parse_columns(_text(value, "t=time[ms],x=cx,y=cy"), name="value")
+
+
+def _joined(value: Any) -> tuple[tuple[str, ...], ...]:
+    several = value if isinstance(value, list) else [value]
+    return parse_joined([_text(each, "3,7") for each in several], name="value")
 
 
 def _moment(value: Any) -> camera.Moment:
@@ -201,6 +233,10 @@ Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
 Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
 KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
 PlumbLine = Annotated[float, _edge(_plumb_line)]
+Line = Annotated[camera.Line, _edge(_line)]
+BeadAt = Annotated[camera.Seed, _edge(_seed)]
+Pivots = Annotated[tuple[camera.Point, ...], _edge(_points)]
+Flank = camera.Flank
 Board = Annotated[camera.Board, _edge(_board)]
 Views = Annotated[list[str], _edge(_views)]
 Name = Annotated[str, Field(min_length=1)]
@@ -233,6 +269,21 @@ class ContactEntry(_Entry):
     rolling_friction: Friction | None = None
 
 
+_OF_CAMERA = [field.name for field in fields(camera.Camera)]
+_ONLY_OF: dict[str, tuple[str, ...]] = {
+    "bead_at": (),
+    "plate": (),
+    "pivot": (),
+    "base": (),
+    "flank": (),
+    "cylinder": (),
+    "floor": (),
+    "circle": ("drum",),
+    "slot": (),
+}
+"""Rigs of which a place in the picture may be stated."""
+
+
 class CameraEntry(_Entry):
     frame_rate: Rate | None = None
     scale: Scale | None = None
@@ -244,25 +295,30 @@ class CameraEntry(_Entry):
     plumb_line: PlumbLine | None = None
     board: Board | None = None
     ignore: Annotated[tuple[tuple[float, float, float, float], ...], _edge(_regions)] = ()
+    bead_at: BeadAt | None = None
+    plate: Line | None = None
+    pivot: Pivots = ()
+    base: Line | None = None
+    flank: Flank | None = None
+    cylinder: Line | None = None
+    floor: Annotated[float, _edge(_floor)] | None = None
+    circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = None
+    slot: Line | None = None
 
     def camera(self, folder: Path = HERE) -> camera.Camera:
         """What the keys say; a board's photo is named relative to the lab's `folder`."""
         roll = self.camera_roll if self.plumb_line is None else self.plumb_line
         board = None if self.board is None else replace(self.board, photo=folder / self.board.photo)
-        return camera.Camera(
-            frame_rate=self.frame_rate,
-            scale=self.scale,
-            known_length=self.known_length,
-            region=self.region,
-            start=self.start,
-            end=self.end,
-            roll=roll,
-            board=board,
-            ignore=self.ignore,
-        )
+        stated = {name: getattr(self, name) for name in _OF_CAMERA if name in type(self).model_fields}
+        return camera.Camera(**{**stated, "board": board}, roll=roll, pivots=self.pivot)
 
-    def faults(self, folder: Path) -> Iterable[tuple[str, str]]:
-        """Keys that do not go together, or with what lies in the lab's folder, and why."""
+    def faults(self, folder: Path, rig: str) -> Iterable[tuple[str, str]]:
+        """Keys that do not go together, with the rig, or with what lies in the lab's folder, and why."""
+        for name in sorted(self.model_fields_set & _ONLY_OF.keys()):
+            if rig not in _ONLY_OF[name]:
+                yield name, f"is not used by a {rig}; leave it out."
+        if len(self.pivot) > 2:
+            yield "pivot", f"{len(self.pivot)} pivots are given; a pendulum has one or two."
         if self.camera_roll is not None and self.plumb_line is not None:
             yield "plumb_line", "camera_roll is given too; leave one of them out."
         if self.board is not None:
@@ -279,7 +335,14 @@ class _ExperimentEntry(_Entry):
     id: Name = Field(examples=["drop-D6-steel"])
     particle: Name = Field(examples=["D6"])
     repetitions: list[Views] = Field(min_length=1, examples=[["r01.mp4", "r02.mp4"]])
+    columns: Annotated[Mapping[str, tuple[str, str]], _edge(_columns), Field(examples=["t=time[ms],x=cx,y=cy"])] = {}
+    join: Annotated[tuple[tuple[str, ...], ...], _edge(_joined), Field(examples=[["3,7"]])] = ()
     camera: CameraEntry = CameraEntry()
+
+    @property
+    def table(self) -> TableOptions:
+        """What is stated of tables of tracked data."""
+        return TableOptions(self.columns, self.join)
 
 
 class UncertaintyEntry(_Entry):

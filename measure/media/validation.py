@@ -11,13 +11,17 @@ SMALLEST = 5  # [px], minimum width and height
 
 
 def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None:
-    """Refuse a region or a known length outside the picture."""
+    """Refuse a place that is stated outside the picture."""
     outside = f"outside the picture of {width} x {height} px."
     if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
         raise BadInput(f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, {outside}")
-    for x, y in () if camera.known_length is None else (camera.known_length.start, camera.known_length.end):
+    for option, (x, y) in camera.places():
         if not (-1 <= x <= width and -1 <= y <= height):
-            raise BadInput(f"{path}: --known-length has an end at {x:g},{y:g}, {outside}")
+            raise BadInput(f"{path}: {option} names a point at {x:g},{y:g}, {outside}")
+    if camera.circle is not None and camera.circle[2] > max(width, height):
+        raise BadInput(
+            f"{path}: --circle has a radius of {camera.circle[2]:g} px, more than {width} x {height} px show."
+        )
 
 
 def must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:

@@ -6,7 +6,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.lab.camera import Camera, Moment, known_length, moment, region, roll
+from rigtwin.lab.camera import (
+    Camera,
+    Moment,
+    Seed,
+    circle,
+    height,
+    known_length,
+    line,
+    moment,
+    point,
+    region,
+    roll,
+    seed,
+)
 from rigtwin.lab.errors import BadInput, BadQuantity
 
 PIXELS = st.integers(0, 4000)
@@ -104,3 +117,30 @@ def test_a_scale_of_no_rig_is_refused_however_it_is_given(line):
 def test_a_rate_that_no_camera_has_is_refused():
     with pytest.raises(BadInput, match="1e\\+300"):
         Camera(frame_rate=1e300)
+
+
+def test_what_is_stated_is_read():
+    assert line("500,310,100,300") == ((100.0, 300.0), (500.0, 310.0))
+    assert seed("12:310,88.5") == Seed(12, (310.0, 88.5))
+    assert circle("320,240,200") == (320.0, 240.0, 200.0)
+    assert point("3,4") == (3.0, 4.0)
+    assert height("88.5") == 88.5
+
+
+@pytest.mark.parametrize(
+    ("read", "text"),
+    [
+        (line, "100,300,104,300"),
+        (line, "100,300,200"),
+        (circle, "100,300,0"),
+        (circle, "100,300,-40"),
+        (point, "nan,3"),
+        (seed, "310,88"),
+        (seed, "-3:310,88"),
+        (seed, "3:310"),
+        (height, "40 mm"),
+    ],
+)
+def test_what_is_stated_wrongly_is_refused_with_an_example(read, text):
+    with pytest.raises(BadQuantity, match=r"given|of the form|points far apart|inner rim"):
+        read(text, name="given")

@@ -110,6 +110,7 @@ def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -
         camera, direction = experiment.camera, by_fall if rig == "drop" else by_swing
         found = read_bodies(
             views[0],
+            experiment.table,
             scale=camera.given_scale,
             frame_rate=camera.frame_rate,
             direction=direction,

@@ -192,7 +192,7 @@ def test_time_window_takes_seconds_and_frames(tmp_path):
 @pytest.mark.parametrize("line", ["200 mm:0,0,500,0", "200 mm:-10,5,40,40", "2 mm:5,5,5,60"])
 def test_a_known_length_outside_the_picture_is_refused(tmp_path, line):
     clip = regular(tmp_path)
-    with pytest.raises(BadInput, match=r"--known-length has an end at .* outside the picture of 64 x 48 px"):
+    with pytest.raises(BadInput, match=r"--known-length names a point at .* outside the picture of 64 x 48 px"):
         open_video(clip, Camera(known_length=known_length(line)))
     open_video(clip, Camera(known_length=known_length("2 mm:0,0,63,47")))
 
