@@ -159,8 +159,8 @@ def outcomes(folder: Path, *, by_hand: bool) -> list[Outcome]:
     for target, one in zip(wanted, blank, strict=True):
         quantity = _matching(measured.quantities, target)
         seen = {} if quantity is None else {"value": quantity.value, "sigma": quantity.std_uncertainty}
-        doubt = "not among the quantities" if quantity is None else quantity.doubtful
-        found.append(Outcome(**{**asdict(one), **seen, "doubtful": doubt, "seconds": seconds}))
+        doubtful = "not among the quantities" if quantity is None else quantity.doubtful
+        found.append(Outcome(**{**asdict(one), **seen, "doubtful": doubtful, "seconds": seconds}))
     return found
 
 
