@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rigtwin.lab.arrays import Array
+from rigtwin.lab.arrays import Array, FloatImage
 
 MAD_TO_STD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation, 1 / 0.67449
 
@@ -33,7 +33,7 @@ def middle_of(values: Array) -> float:
     return float(parted[half])
 
 
-def mad_std(values: Array, *, centre: float | None = None) -> float:
+def mad_std(values: Array | FloatImage, *, centre: float | None = None) -> float:
     """Standard deviation of normal noise from the median absolute deviation; insensitive to outliers.
 
     Like `scipy.stats.median_abs_deviation` with ``scale="normal"``, which takes several times as long for the few

@@ -436,7 +436,7 @@ def _scatter(residual: Array, own: Array, far: Array) -> _Scatter:
         noise = max(math.sqrt(float(np.mean(squares[kept]))), FLOOR)
     scaled = residual / np.hypot(noise * own, far)
     # until the autocorrelation is no longer significant
-    together = autocorrelation_factor(scaled[kept], min(MOST_LAGS, np.count_nonzero(kept) // 4), significance=2.0)
+    together = autocorrelation_factor(scaled[kept], min(MOST_LAGS, int(np.count_nonzero(kept)) // 4), significance=2.0)
     return _Scatter(noise, noise * math.sqrt(together), kept)
 
 
