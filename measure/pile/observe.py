@@ -34,7 +34,7 @@ from rigtwin.measure.pile.checks import (
     uneven_flanks,
 )
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
-from rigtwin.measure.pile.silhouette import find_heap, undo_view
+from rigtwin.measure.pile.silhouette import USUAL_DEPRESSION, find_heap, undo_view
 
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
@@ -54,6 +54,8 @@ BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
 )  # relative standard uncertainty of a scale from beads, and of a given one
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
+
+ALIKE_BEHIND = 0.3  # mean likeness of the background to the heap above which the outline may belong to something else
 
 DOUBTFUL_COVER = 0.83  # share of the heap covered by circles; below it the outline may belong to something else
 
@@ -90,6 +92,8 @@ def observe_photo(
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     look = partial(find_heap, image, roll=camera.roll, region=camera.region, focal_length=focal_length)
+    if camera.base is not None:
+        look = partial(look, base=camera.base, flank=camera.flank)
     found = look(beads_across=ratio)
     if found is None:
         raise NothingToMeasure(
@@ -99,13 +103,15 @@ def observe_photo(
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
-    sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter, base_diameter)
-    contradicted = sizes_against_base(look(), ratio) if found.disc is None and ratio is not None else ""
+    sizes, unconfirmed = (
+        ((), "") if found.stated is not None else size_checks(found, scale, scale_from, bead_diameter, base_diameter)
+    )
+    contradicted = sizes_against_base(look(), ratio) if found.view.radius == 0 and ratio is not None else ""
     misfit = failed(sizes)
-    if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
+    if base_diameter is not None and scale is not None and found.view.radius > 0 and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
-        sizes = (*sizes, base_check(across, _scale_uncertainty(scale_from, camera), base_diameter, scale_from))
-    if camera.roll is not None and found.disc is not None:
+        sizes = (*sizes, base_check(across, _scale_uncertainty(found, scale_from, camera), base_diameter, scale_from))
+    if camera.roll is not None and found.view.radius > 0:
         seen_turn = found.view.roll, found.base_line_uncertainty[1]
         sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base line of the angles shows"))
     heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
@@ -116,7 +122,7 @@ def observe_photo(
         contradicted or _flaw_of_picture(found) or misfit or hidden,
         2 * found.bead_radius * unit,
         sizes,
-        _scale_uncertainty(scale_from, camera),
+        _scale_uncertainty(found, scale_from, camera),
         unconfirmed,
         odd,
     )
@@ -126,6 +132,7 @@ def observe_photo(
         "camera_roll_deg": math.degrees(found.view.roll),
         "looking_down_deg": found.view.looking_down,
         "base_found": found.disc is not None,
+        "base_stated": found.stated is not None,
     }
 
     def draw(out: Path) -> dict[str, Path]:
@@ -157,17 +164,24 @@ def _scale(
     """Scale [m/px] of the analysed picture in the plane of the base's axis, and its source."""
     if camera.given_scale is not None:
         return camera.given_scale / found.zoom, camera.scale_from
-    if base_diameter is not None and found.disc is not None:
+    if base_diameter is not None and found.view.radius > 0:
         return base_diameter / (2 * found.view.radius), "base diameter"
     if bead_diameter is not None:
         return bead_diameter / (2 * found.bead_radius), "bead diameter"
     return None, NO_SCALE
 
 
-def _scale_uncertainty(scale_from: str, camera: Camera) -> float:
+def _scale_uncertainty(found: Silhouette, scale_from: str, camera: Camera) -> float:
     """Relative standard uncertainty of the scale; 0 if there is no scale."""
+    if scale_from == "base diameter" and found.stated is not None:
+        return _ends_uncertainty(found.stated) / found.view.radius
     by_sizes = {"base diameter": BASE_UNCERTAINTY, "bead diameter": BEAD_UNCERTAINTY, NO_SCALE: 0.0}
     return by_sizes.get(scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY))
+
+
+def _ends_uncertainty(stated: float) -> float:
+    """Standard uncertainty of half the distance of two stated ends [px], from that of each end [px]."""
+    return stated / math.sqrt(2)
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:
@@ -202,6 +216,22 @@ def _variants(
             _other_distance(view, found.disc, stretch) for stretch in (factor, 1 / factor)
         )
         pairs["camera distance"] = (far, height + far_lift), (near, height + near_lift)
+    if found.stated is not None:
+        wider, distance = _ends_uncertainty(found.stated), view.camera_distance
+        pairs["base ends"] = (
+            (replace(view, radius=view.radius + wider), height),
+            (replace(view, radius=view.radius - wider), height),
+        )
+        lowest, highest = (distance * math.tan(math.radians(down)) for down in (0.0, 2 * USUAL_DEPRESSION))
+        pairs["camera height"] = (
+            (replace(view, camera_height=lowest), height),
+            (replace(view, camera_height=highest), height),
+        )
+        stretch = math.exp(focal_uncertainty)
+        pairs["camera distance"] = (
+            (replace(view, camera_distance=distance * stretch, camera_height=view.camera_height * stretch), height),
+            (replace(view, camera_distance=distance / stretch, camera_height=view.camera_height / stretch), height),
+        )
     return {
         part: (_profile(found, *first, unit, name), _profile(found, *second, unit, name))
         for part, (first, second) in pairs.items()
@@ -229,17 +259,19 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the outline touches the edge of the picture"
     if found.contrast < 0.3:
         return "the outline has hardly any contrast to the background"
-    if found.covered < DOUBTFUL_COVER or found.unexplained > 0.04:
+    if found.stated is not None and found.alike_behind > ALIKE_BEHIND:
+        return "the heap hardly differs from the background"
+    if found.stated is None and (found.covered < DOUBTFUL_COVER or found.unexplained > 0.04):
         return "beads were found in only part of the heap"
-    if found.disc is None:
+    if found.view.radius == 0:
         return "the base disc was not found, so the base line is taken from the outermost beads"
-    if found.view.looking_down > STEEPEST_VIEW:
+    if found.disc is not None and found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down
         return (
             f"the camera looks down by {down:.0f} degrees and sees no vertical section; photograph from less than "
             f"{STEEPEST_VIEW:.0f}"
         )
-    if found.disc.doubtful:
+    if found.disc is not None and found.disc.doubtful:
         return "the edges of the base disc are unclear, so the base line may be wrong"
     apart = np.abs(found.looser - found.stricter)
     if float(np.nanmean(apart > found.bead_radius)) > 0.1:

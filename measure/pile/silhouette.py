@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import STATED_SIGMA, Flank, Line
 from rigtwin.measure.bulk.beads import (
     Beads,
     edges,
@@ -19,12 +20,17 @@ from rigtwin.measure.bulk.beads import (
     rim_radius,
 )
 from rigtwin.measure.bulk.outline import COVERED, Disc, Silhouette, View, outline_of
-from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc
+from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc, nearness
+from rigtwin.measure.pile.outline_above import outline_above
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 FINEST = 1000  # [px], width of the analysed picture; 1400 does not improve the angles of the sample heap
 
 TALLEST = 2.0  # ratio of height to width above which the height of the picture sets its size
+
+USUAL_DEPRESSION = 3.0  # [deg], of the line of sight where nothing shows it, and its standard uncertainty
+
+USUAL_BEADS = 25  # bead diameters across a base where neither sizes nor circles are known
 
 COARSE = 900  # [px], width of the reduced picture that is searched for beads
 
@@ -36,19 +42,27 @@ def find_heap(
     region: tuple[float, float, float, float] | None = None,
     beads_across: float | None = None,
     focal_length: float | None = None,
+    base: Line | None = None,
+    flank: Flank | None = None,
 ) -> Silhouette | None:
     """Find the outline of a heap of beads in a photo (BGR); None if there is no heap.
 
     `roll` [rad] and `region` [px] are those of the camera, `beads_across` is the base diameter in bead diameters,
-    `focal_length` [px] that of the lens where it is known.
+    `focal_length` [px] that of the lens where it is known.  `base` is the line that the heap stands on, where it is
+    stated [px], and `flank` the only flank, where there is one.
     """
     focal_length = focal_length or FOCAL_LENGTH * photo.shape[1]
+    left, top = (max(round(side), 0) for side in region[:2]) if region is not None else (0, 0)
     if region is not None:
-        left, top, width, height = (max(round(side), 0) for side in region)
-        part = photo[top : top + height, left : left + width]
-        found = _heap_in(part, roll, beads_across, focal_length) if part.size else None
-        return None if found is None else _moved(found, left, top)
-    return _heap_in(photo, roll, beads_across, focal_length)
+        photo = photo[top : top + round(region[3]), left : left + round(region[2])]
+        if not photo.size:
+            return None
+    if base is None:
+        found = _heap_in(photo, roll, beads_across, focal_length)
+    else:
+        (x1, y1), (x2, y2) = base
+        found = _heap_on(photo, ((x1 - left, y1 - top), (x2 - left, y2 - top)), beads_across, focal_length, flank)
+    return None if found is None else _moved(found, left, top)
 
 
 def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
@@ -85,6 +99,25 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
         return None
     found = replace(found, disc=disc, zoom=zoom, bead_seen=bead_seen)
     return found if _looks_like_a_heap(found) else None
+
+
+def _heap_on(
+    photo: Image, base: Line, beads_across: float | None, focal_length: float, flank: Flank | None
+) -> Silhouette | None:
+    """The heap on a stated base line."""
+    zoom = min(1.0, FINEST / _breadth(photo))
+    image = _shrunk(photo, zoom)
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    image = exposure_of(grey[::2, ::2]).applied(image)
+    (x1, y1), (x2, y2) = ((x * zoom, y * zoom) for x, y in base)
+    half = math.hypot(x2 - x1, y2 - y1) / 2
+    distance = half / float(nearness(np.array(half), focal_length * zoom))
+    down = math.tan(math.radians(USUAL_DEPRESSION))
+    view = View(((x1 + x2) / 2, (y1 + y2) / 2), math.atan2(y2 - y1, x2 - x1), half, distance * down, distance)
+    circles = _beads(grey) if beads_across is None else None
+    radius = half / beads_across if beads_across is not None else circles[0].radius if circles else half / USUAL_BEADS
+    found = outline_above(image, view, radius, flank)
+    return None if found is None else replace(found, zoom=zoom, stated=STATED_SIGMA * zoom)
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
