@@ -73,7 +73,7 @@ def observe_table(
     def draw(out: Path) -> dict[str, Path]:
         from rigtwin.measure.pile.figures import write_plot
 
-        return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")}
+        return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m", camera.flank)}
 
     view = {
         "scale_m_per_px": None,
@@ -82,7 +82,7 @@ def observe_table(
         **scale_used(read, camera),
         "table": read.understood.to_json(),
     }
-    return Observation(profile), view, draw
+    return Observation(profile, flank=camera.flank), view, draw
 
 
 def observe_photo(
@@ -115,7 +115,8 @@ def observe_photo(
         seen_turn = found.view.roll, found.base_line_uncertainty[1]
         sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base line of the angles shows"))
     heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
-    hidden = _washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
+    two_flanks = heap is not None and len(repose_angles.free_flanks(heap, camera.flank)) == 2
+    hidden = _washed_out(found, image) if heap is not None and two_flanks and uneven_flanks(profile, heap) else ""
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_UNCERTAINTY if focal_length is None else STATED_FOCAL_UNCERTAINTY),
@@ -125,6 +126,7 @@ def observe_photo(
         _scale_uncertainty(found, scale_from, camera),
         unconfirmed,
         odd,
+        camera.flank,
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
@@ -139,7 +141,9 @@ def observe_photo(
         from rigtwin.measure.pile.figures import write_pictures
 
         evaluation = evaluate_views([seen], base_diameter if scale else None, bead_diameter if scale else None)
-        return write_pictures(out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain)
+        return write_pictures(
+            out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain, camera.flank
+        )
 
     return seen, view, draw
 
@@ -222,16 +226,17 @@ def _variants(
             (replace(view, radius=view.radius + wider), height),
             (replace(view, radius=view.radius - wider), height),
         )
-        lowest, highest = (distance * math.tan(math.radians(down)) for down in (0.0, 2 * USUAL_DEPRESSION))
-        pairs["camera height"] = (
-            (replace(view, camera_height=lowest), height),
-            (replace(view, camera_height=highest), height),
-        )
-        stretch = math.exp(focal_uncertainty)
-        pairs["camera distance"] = (
-            (replace(view, camera_distance=distance * stretch, camera_height=view.camera_height * stretch), height),
-            (replace(view, camera_distance=distance / stretch, camera_height=view.camera_height / stretch), height),
-        )
+        if math.isfinite(distance):
+            lowest, highest = (distance * math.tan(math.radians(down)) for down in (0.0, 2 * USUAL_DEPRESSION))
+            pairs["camera height"] = (
+                (replace(view, camera_height=lowest), height),
+                (replace(view, camera_height=highest), height),
+            )
+            stretch = math.exp(focal_uncertainty)
+            pairs["camera distance"] = (
+                (replace(view, camera_distance=distance * stretch, camera_height=view.camera_height * stretch), height),
+                (replace(view, camera_distance=distance / stretch, camera_height=view.camera_height / stretch), height),
+            )
     return {
         part: (_profile(found, *first, unit, name), _profile(found, *second, unit, name))
         for part, (first, second) in pairs.items()

@@ -112,8 +112,16 @@ def _heap_on(
     (x1, y1), (x2, y2) = ((x * zoom, y * zoom) for x, y in base)
     half = math.hypot(x2 - x1, y2 - y1) / 2
     distance = half / float(nearness(np.array(half), focal_length * zoom))
+    if flank in ("left", "right"):  # a slope against a wall is no cone
+        distance = math.inf
     down = math.tan(math.radians(USUAL_DEPRESSION))
-    view = View(((x1 + x2) / 2, (y1 + y2) / 2), math.atan2(y2 - y1, x2 - x1), half, distance * down, distance)
+    view = View(
+        ((x1 + x2) / 2, (y1 + y2) / 2),
+        math.atan2(y2 - y1, x2 - x1),
+        half,
+        distance * down if math.isfinite(distance) else 0.0,
+        distance,
+    )
     circles = _beads(grey) if beads_across is None else None
     radius = half / beads_across if beads_across is not None else circles[0].radius if circles else half / USUAL_BEADS
     found = outline_above(image, view, radius, flank)
