@@ -55,9 +55,7 @@ BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
-ALIKE_BEHIND = 0.3  # mean likeness of the background to the heap above which the outline may belong to something else
-
-DOUBTFUL_COVER = 0.83  # share of the heap covered by circles; below it the outline may belong to something else
+ALIKE_BEHIND, DOUBTFUL_COVER = 0.3, 0.75  # mean likelihood of matter above and below the outline
 
 
 def observe_table(
@@ -264,10 +262,8 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the outline touches the edge of the picture"
     if found.contrast < 0.3:
         return "the outline has hardly any contrast to the background"
-    if found.stated is not None and found.alike_behind > ALIKE_BEHIND:
+    if found.alike_behind > ALIKE_BEHIND or found.covered < DOUBTFUL_COVER:
         return "the heap hardly differs from the background"
-    if found.stated is None and (found.covered < DOUBTFUL_COVER or found.unexplained > 0.04):
-        return "beads were found in only part of the heap"
     if found.view.radius == 0:
         return "the base disc was not found, so the base line is taken from the outermost beads"
     if found.disc is not None and found.view.looking_down > STEEPEST_VIEW:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ from rigtwin.measure.bulk.beads import (
     more_beads,
     rim_radius,
 )
-from rigtwin.measure.bulk.outline import COVERED, Disc, Silhouette, View, outline_of
+from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc, nearness
 from rigtwin.measure.pile.outline_above import outline_above
 from rigtwin.measure.scene.contrast_stretch import exposure_of
@@ -31,6 +32,8 @@ TALLEST = 2.0  # ratio of height to width above which the height of the picture 
 USUAL_DEPRESSION = 3.0  # [deg], of the line of sight where nothing shows it, and its standard uncertainty
 
 USUAL_BEADS = 25  # bead diameters across a base where neither sizes nor circles are known
+
+LEAST_MATTER, MOST_ALIKE = 0.6, 0.45  # mean likelihood of matter below and above the border of any heap
 
 COARSE = 900  # [px], width of the reduced picture that is searched for beads
 
@@ -89,15 +92,23 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     rims = edges(grey)
     beads = more_beads(rims, likeness(image, beads, cells), beads)
     alike = likeness(image, beads, cells)
-    disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
+    search = partial(find_disc, grey, alike, beads, focal_length=focal_length * zoom, roll=roll)
+    disc = search(beads_across=beads_across)
+    if beads_across is not None and (disc is None or disc.doubtful):
+        # circles on cubes, cylinders or few clear beads have another size than the beads
+        other = search(beads_across=None)
+        if disc is not None and other is not None and other.support > disc.support:
+            disc = other
     view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
     if disc is not None and beads_across is not None:
         beads = more_beads(rims, alike, Beads(beads.centre, view.radius / beads_across))
         alike = likeness(image, beads, look_cells(image, beads.radius, textured=True))
-    found = outline_of(image, alike, beads, view)
+    across = (beads.centre - np.array(view.origin)) @ np.array([np.cos(view.roll), np.sin(view.roll)])
+    span = view if disc is not None else replace(view, radius=float(np.abs(across).max()) + beads.radius)
+    found = outline_above(image, span, beads.radius)
     if found is None:
         return None
-    found = replace(found, disc=disc, zoom=zoom, bead_seen=bead_seen)
+    found = replace(found, view=view, disc=disc, zoom=zoom, bead_seen=bead_seen)
     return found if _looks_like_a_heap(found) else None
 
 
@@ -198,13 +209,9 @@ def _view_of_feet(beads: Beads, roll: float | None) -> View:
 
 
 def _looks_like_a_heap(found: Silhouette) -> bool:
-    """Whether beads fill the outline, the background differs, and the proportions are those of a heap.
-
-    Circles are found in many pictures; only in a heap do they cover the whole area within the outline.
-    """
+    """Whether the matter fills the outline, the background differs, and the proportions are those of a heap."""
     height, width = float(np.nanmax(found.height)), float(np.sum(np.isfinite(found.height)))
     bead = 2 * found.bead_radius
-    if height < 1.2 * bead or width < 5 * bead or height > 0.75 * width or found.alike_behind > 0.45:
+    if height < 1.2 * bead or width < 5 * bead or height > 0.75 * width:
         return False
-    on_disc = found.disc is not None and found.contrast > 0.5 and found.alike_behind < 0.3
-    return found.covered > (0.6 if on_disc else COVERED)
+    return found.covered > LEAST_MATTER and found.alike_behind < MOST_ALIKE
