@@ -109,7 +109,9 @@ def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) ->
     entry.check_media(experiment, views)
     ruler = import_module(f"rigtwin.measure.{experiment.rig.name}.measurement")
     media = list(views) if entry.several_views else views[0]
-    measurement: Measurement = ruler.measure(media, camera, **known(experiment), out=out, progress=silent)
+    measurement: Measurement = ruler.measure(
+        media, camera, **known(experiment), table=experiment.table, out=out, progress=silent
+    )
     return measurement
 
 

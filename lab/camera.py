@@ -152,6 +152,19 @@ class Camera:
             yield "--bead-at", self.bead_at.at
         if self.floor is not None:
             yield "--floor", (0.0, self.floor)
+        if self.circle is not None:
+            yield "--circle", self.circle[:2]
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """Names of the places that are used as stated instead of being found."""
+        names = ("bead_at", "plate", "pivots", "base", "flank", "cylinder", "floor", "circle", "slot")
+        return tuple(name for name in names if getattr(self, name) not in (None, ()))
+
+    @property
+    def stated_view(self) -> dict[str, list[str]]:
+        """`stated` for the JSON document of a measurement; empty where nothing is stated."""
+        return {"stated": list(self.stated)} if self.stated else {}
 
     @property
     def given_scale(self) -> float | None:

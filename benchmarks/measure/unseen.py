@@ -82,15 +82,15 @@ def targets(kind: str, truth: JsonObject) -> Iterator[Target]:
         yield Target("graphical", "angle_of_repose_graphical", "line 20-80 %", mean, graphical, 1.5, "deg")
         yield Target("geometric", "angle_of_repose_geometric", "apex", mean, geometric, 1.0, "deg")
     elif kind == "packing":
-        yield Target("bed height", "bed_height", "", {}, truth["bed_height_m"], truth["bead_diameter_m"] / 2, "m")
+        yield Target("bed height", "bed_height", "", {}, truth["bed_height_m"], truth["bead_diameter_m"] / 4, "m")
     elif kind == "tilt":
-        yield Target("onset", "", "onset", {}, truth["alpha_onset_deg"], 0.5, "deg")
+        yield Target("onset", "", "onset", {}, truth["alpha_onset_deg"], 0.2, "deg")
     elif kind == "drop":
-        yield Target("restitution", "restitution_wall", "velocity", first, truth["cor_contact"][0], 0.02, "1")
+        yield Target("restitution", "restitution_wall", "velocity", first, truth["cor_contact"][0], 0.005, "1")
     elif kind == "pendulum":
-        yield Target("restitution", "restitution", "", {}, truth["e"], 0.02, "1")
+        yield Target("restitution", "restitution", "", {}, truth["e"], 0.01, "1")
     elif kind == "drum":
-        yield Target("dynamic angle", "dynamic_angle", "", {}, truth["dynamic_aor_deg"], 1.5, "deg")
+        yield Target("dynamic angle", "dynamic_angle", "", {}, truth["dynamic_aor_deg"], 1.0, "deg")
     elif kind == "hopper":
         duration = truth["discharge_time_s"]
         yield Target("discharge time", "discharge_time", "", {}, duration, 0.02 * duration, "s")
@@ -159,8 +159,8 @@ def outcomes(folder: Path, *, by_hand: bool) -> list[Outcome]:
     for target, one in zip(wanted, blank, strict=True):
         quantity = _matching(measured.quantities, target)
         seen = {} if quantity is None else {"value": quantity.value, "sigma": quantity.std_uncertainty}
-        doubt = "not among the quantities" if quantity is None else quantity.doubtful
-        found.append(Outcome(**{**asdict(one), **seen, "doubtful": doubt, "seconds": seconds}))
+        doubtful = "not among the quantities" if quantity is None else quantity.doubtful
+        found.append(Outcome(**{**asdict(one), **seen, "doubtful": doubtful, "seconds": seconds}))
     return found
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +14,7 @@ from rigtwin.compare import result_files
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.quantity import Evaluation, Quantity, Readable
 from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
-from rigtwin.lab.rigs import (
-    Rig,
-)
-
-if TYPE_CHECKING:
-    pass
+from rigtwin.lab.rigs import Rig
 
 
 @dataclass(frozen=True)

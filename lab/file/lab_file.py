@@ -43,6 +43,7 @@ from rigtwin.lab.rigs import (
     RigSettings,
     TiltSettings,
 )
+from rigtwin.lab.tracked.table import TableOptions
 
 SEEN_FROM_SIDES = (PackingEntry, PileEntry)
 """Rigs at rest, of which one repetition may have several photos."""
@@ -60,6 +61,8 @@ class Experiment:
     repetitions: tuple[
         tuple[Path, ...], ...
     ]  # per repetition its media or tracked CSV; several views of one bed or pile
+    table: TableOptions = field(default_factory=TableOptions)
+    """What is stated of tables of tracked data."""
 
     @property
     def rig_name(self) -> str:
@@ -187,7 +190,8 @@ def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key:
     inventory.problems += found
     if particle is None or found or (entry.wall is not None and wall is None):
         return None
-    return Experiment(entry.id, _settings(entry), particle, wall, entry.camera.camera(folder), repetitions)
+    camera = entry.camera.camera(folder)
+    return Experiment(entry.id, _settings(entry), particle, wall, camera, repetitions, entry.table)
 
 
 def _settings(entry: ExperimentEntry) -> RigSettings:

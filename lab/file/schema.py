@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
@@ -21,6 +21,8 @@ from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.rigs import UPSIDE_DOWN
+from rigtwin.lab.tracked.columns import parse_columns, parse_joined
+from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
 HERE = Path()
@@ -198,6 +200,15 @@ def _whole(value: Any) -> int:
     return value
 
 
+def _columns(value: Any) -> Mapping[str, tuple[str, str]]:
+    return parse_columns(_text(value, "t=time[ms],x=cx,y=cy"), name="value")
+
+
+def _joined(value: Any) -> tuple[tuple[str, ...], ...]:
+    several = value if isinstance(value, list) else [value]
+    return parse_joined([_text(each, "3,7") for each in several], name="value")
+
+
 def _moment(value: Any) -> camera.Moment:
     return camera.moment(value, name="value")
 
@@ -267,7 +278,7 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "flank": ("pile",),
     "cylinder": (),
     "floor": (),
-    "circle": (),
+    "circle": ("drum",),
     "slot": (),
 }
 """Rigs of which a place in the picture may be stated."""
@@ -324,7 +335,14 @@ class _ExperimentEntry(_Entry):
     id: Name = Field(examples=["drop-D6-steel"])
     particle: Name = Field(examples=["D6"])
     repetitions: list[Views] = Field(min_length=1, examples=[["r01.mp4", "r02.mp4"]])
+    columns: Annotated[Mapping[str, tuple[str, str]], _edge(_columns), Field(examples=["t=time[ms],x=cx,y=cy"])] = {}
+    join: Annotated[tuple[tuple[str, ...], ...], _edge(_joined), Field(examples=[["3,7"]])] = ()
     camera: CameraEntry = CameraEntry()
+
+    @property
+    def table(self) -> TableOptions:
+        """What is stated of tables of tracked data."""
+        return TableOptions(self.columns, self.join)
 
 
 class UncertaintyEntry(_Entry):

@@ -7,7 +7,10 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, ParseError, parse
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import parse
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.tracked.table import Table
@@ -15,23 +18,46 @@ from rigtwin.lab.tracked.table import Table
 Row = tuple[str, ...]
 
 
+class _NoNumber(Exception):
+    """An entry that should be a finite number is none."""
+
+
+def _finite(text: str, name: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise _NoNumber(f"{name} is {text.strip()[:40]!r}, which is no number")
+    return number
+
+
+def _attribute(element: Element, name: str, default: float) -> float:
+    return _finite(element.get(name, str(default)), f"{name} of {element.tag}")
+
+
 def read_xml(path: Path) -> Table:
     """Read a Tracker project (``.trk``) or TrackMate's XML (exported tracks, or a project).
 
-    Raises `BadInput` if the file is neither, or holds no tracked point.
+    Raises `BadInput` if the file is neither, holds no tracked point, declares entities, or if a number in it is none.
     """
     try:
-        root = parse(path).getroot()
+        root: Element = parse(path).getroot()
     except OSError as error:
         raise BadInput(f"{path}: {(error.strerror or 'unreadable').lower()}; give tracked data.") from None
     except (ParseError, UnicodeError):
         raise BadInput(f"{path}: not valid XML; give a Tracker project or TrackMate's tracks.") from None
-    if root.tag == "Tracks":
-        return _trackmate_tracks(path, root)
-    if root.tag == "TrackMate":
-        return _trackmate_project(path, root)
-    if root.tag == "object" and any("PointMass" in each.get("class", "") for each in root.iter("object")):
-        return _tracker(path, root)
+    except DefusedXmlException:
+        raise BadInput(f"{path}: declares XML entities, which no tracking program writes; export it again.") from None
+    try:
+        if root.tag == "Tracks":
+            return _trackmate_tracks(path, root)
+        if root.tag == "TrackMate":
+            return _trackmate_project(path, root)
+        if root.tag == "object" and any("PointMass" in each.get("class", "") for each in root.iter("object")):
+            return _tracker(path, root)
+    except _NoNumber as error:
+        raise BadInput(f"{path}: {error.args[0]}; correct it in the file, or export it again.") from None
     raise BadInput(f"{path}: XML of another kind; read are Tracker projects with a point mass, and TrackMate's tracks.")
 
 
@@ -75,7 +101,14 @@ def _properties(element: Element) -> dict[str, Element]:
 
 def _number(properties: dict[str, Element], name: str, default: float) -> float:
     found = properties.get(name)
-    return default if found is None or not found.text else float(found.text)
+    return default if found is None or not found.text else _finite(found.text, name)
+
+
+def _scale(view: dict[str, Element], name: str) -> float:
+    scale = _number(view, name, 1.0)
+    if scale == 0:
+        raise _NoNumber(f"{name} is 0, which is no scale")
+    return scale
 
 
 def _frames(owner: Element) -> Iterator[tuple[int, dict[str, Element]]]:
@@ -104,8 +137,8 @@ def _tracker(path: Path, root: Element) -> Table:
         for frame, point in _frames(mass):
             view = views.get(max((each for each in views if each <= frame), default=-1), {})
             # the origin in pixels, y down; the angle of the x axis in degrees, anticlockwise
-            x = (_number(point, "x", math.nan) - _number(view, "xorigin", 0.0)) / _number(view, "xscale", 1.0)
-            y = (_number(view, "yorigin", 0.0) - _number(point, "y", math.nan)) / _number(view, "yscale", 1.0)
+            x = (_number(point, "x", math.nan) - _number(view, "xorigin", 0.0)) / _scale(view, "xscale")
+            y = (_number(view, "yorigin", 0.0) - _number(point, "y", math.nan)) / _scale(view, "yscale")
             angle = math.radians(_number(view, "angle", 0.0))
             along = x * math.cos(angle) + y * math.sin(angle)
             up = y * math.cos(angle) - x * math.sin(angle)
@@ -122,7 +155,7 @@ def _tracker(path: Path, root: Element) -> Table:
 
 def _trackmate_tracks(path: Path, root: Element) -> Table:
     unit = root.get("spaceUnits", "pixel")
-    interval, seconds = float(root.get("frameInterval", "0")), root.get("timeUnits", "frame")
+    interval, seconds = _attribute(root, "frameInterval", 0.0), root.get("timeUnits", "frame")
     rows = [
         (point.get("t", ""), point.get("x", ""), point.get("y", ""), str(number))
         for number, particle in enumerate(root.findall("particle"))
@@ -137,11 +170,11 @@ def _trackmate_project(path: Path, root: Element) -> Table:
         raise BadInput(f"{path}: this TrackMate project holds no model.")
     spots = {spot.get("ID", ""): spot for spot in model.iter("Spot")}
     image = next(root.iter("ImageData"), None)
-    interval = 0.0 if image is None else float(image.get("timeinterval", "0"))
+    interval = 0.0 if image is None else _attribute(image, "timeinterval", 0.0)
     rows = []
     for track in model.iter("Track"):
         ends = {edge.get(end, "") for edge in track.iter("Edge") for end in ("SPOT_SOURCE_ID", "SPOT_TARGET_ID")}
-        own = sorted((spots[each] for each in ends if each in spots), key=lambda spot: float(spot.get("FRAME", "0")))
+        own = sorted((spots[each] for each in ends if each in spots), key=lambda spot: _attribute(spot, "FRAME", 0.0))
         name = track.get("TRACK_ID", track.get("name", ""))
         rows += [(s.get("FRAME", ""), s.get("POSITION_X", ""), s.get("POSITION_Y", ""), name) for s in own]
     units = model.get("timeunits", "frame"), model.get("spatialunits", "pixel")
@@ -153,5 +186,5 @@ def _timed(path: Path, kind: str, rows: Sequence[Row], interval: float, unit: st
     names = ("frame", f"x [{length}]", f"y [{length}]", "particle")
     if interval <= 0 or unit.lower() in ("frame", "frames", "pixel"):
         return _table(path, kind, names, rows)
-    timed = [(f"{float(row[0]) * interval:.9g}", *row) for row in rows]
+    timed = [(f"{_finite(row[0], 'frame of a point') * interval:.9g}", *row) for row in rows]
     return _table(path, kind, (f"t [{unit}]", *names), timed)

@@ -17,20 +17,20 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, Image
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.camera import STATED_SIGMA, Camera
+from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bulk.beads import colour_cells, rare, shares
 from rigtwin.measure.drum.glare import brightened_share
-from rigtwin.measure.drum.rim import Rim, find_rim, rim_of_bed
+from rigtwin.measure.drum.rim import Rim, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of
 from rigtwin.measure.geometry.camera_roll import Upright, upright
 from rigtwin.measure.media.video import Video
+from rigtwin.measure.robust import mad_std
 from rigtwin.measure.scene.contrast_stretch import Exposure, exposure_of
 from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.scene.steadied_frames import Cut, Steadied, apart, cut_for, steadied, still_scene
-
-Region = tuple[float, float, float, float]
 
 SAMPLES = 41  # frames used as training data for bed and drum
 BEAD_SHARE = 0.04  # bead over drum diameter, if unknown
@@ -108,19 +108,12 @@ class Bed:
     turning: int = 0  # direction of the beads at the wall: +1 clockwise, -1 anticlockwise, 0 unknown
 
 
-def follow_bed(
-    video: Video,
-    *,
-    roll: float | None,
-    bead_share: float | None,
-    region: Region | None = None,
-    progress: Progress = silent,
-) -> Bed:
+def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progress: Progress = silent) -> Bed:
     """Find the surface of the bed in every frame; `bead_share` is bead over drum diameter where both are known.
 
     Raises `NothingToMeasure` if no turning drum with a bed in it is found.
     """
-    lens = cut_for(video.width, video.height, region)
+    lens = cut_for(video.width, video.height, camera.region)
     scene = still_scene(video, lens)
     wanted = set(np.unique(np.linspace(video.first, video.last, SAMPLES).round().astype(int)).tolist())
     samples, poses = [], []
@@ -132,20 +125,21 @@ def follow_bed(
             samples.append(still)
         progress("learning what bed and drum look like", len(poses), count)
     picture = exposure.applied(np.clip(scene.picture, 0, 255).astype(np.uint8)).astype(np.float32)
-    motion, noise, rim, rim_seen = _drum_in(samples, scene.picture)
+    stated = _stated_rim(scene.picture, camera, lens)
+    motion, noise, rim, rim_seen = _drum_in(samples, scene.picture, stated)
     if rim is not None:
         # what passes in front of the drum is neither bed nor drum; what stays for half of the clip belongs to the scene
         beside = ~rim.inside(picture.shape, BESIDE)
         free = [still for still in samples if not _hides(still, picture, beside)]
         if len(samples) > len(free) >= len(samples) / 2:
             samples = free
-            motion, noise, rim, rim_seen = _drum_in(samples, scene.picture)
+            motion, noise, rim, rim_seen = _drum_in(samples, scene.picture, stated)
     if rim is None:
         raise NothingToMeasure(
             f"{video.path}: no round drum with a moving bed was found; film the drum's end, the whole rim in view, "
             "with the camera at rest, or give its place with --region x,y,width,height."
         )
-    turned = _upright(scene.picture, rim, roll)
+    turned = _upright(scene.picture, rim, camera.roll)
     bead = (bead_share or BEAD_SHARE) * 2 * rim.radius
     looks = _learn(samples, motion, rim, bead)
     if looks is None:
@@ -186,18 +180,16 @@ def follow_bed(
     )
 
 
-def bed_in_photo(
-    photo: Image, *, roll: float | None, bead_share: float | None, region: Region | None = None
-) -> Bed | None:
+def bed_in_photo(photo: Image, camera: Camera, *, bead_share: float | None) -> Bed | None:
     """Find the surface of the bed in a single picture; None if it shows no drum with a bed."""
-    lens = cut_for(photo.shape[1], photo.shape[0], region)
+    lens = cut_for(photo.shape[1], photo.shape[0], camera.region)
     image = lens.seen(photo)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    rim = find_rim(np.asarray(grey, dtype=np.float32))
+    rim = _stated_rim(np.asarray(grey), camera, lens) or find_rim(np.asarray(grey, dtype=np.float32))
     if rim is None:
         return None
-    turned = _upright(np.asarray(grey, dtype=np.float32), rim, roll)
+    turned = _upright(np.asarray(grey, dtype=np.float32), rim, camera.roll)
     bead = (bead_share or GRAIN_SHARE) * 2 * rim.radius
     still = Still(0, 0.0, image, np.zeros(grey.shape, dtype=np.float32), Pose())
     bed, empty, clearness = _two_colours(image, rim, bead)
@@ -231,7 +223,7 @@ def _blur_against_noise(frame: Image, picture: FloatImage) -> float:
     """Width [px] of the blur for frames so noisy that the motion of slow beads is lost; 0 if none is needed."""
     grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).astype(np.float32)
     off = grey - picture
-    noise = 1.4826 * float(np.median(np.abs(off - np.median(off))))  # without the offset of a flickering lamp
+    noise = mad_std(off)  # without the offset of a flickering lamp
     return float(np.clip(noise / NOISY, 1.0, 2.0)) if noise > NOISY else 0.0
 
 
@@ -240,10 +232,26 @@ def _still(now: Steadied, others: list[Steadied]) -> Still:
     return Still(now.index, now.time, now.colour, np.asarray(change, dtype=np.float32), now.pose)
 
 
-def _drum_in(samples: list[Still], picture: FloatImage) -> tuple[FloatImage, float, Rim | None, bool]:
-    """Motion over the clip, its noise, the drum, and whether its rim was found."""
+def _stated_rim(picture: FloatImage, camera: Camera, lens: Cut) -> Rim | None:
+    """The circle that the user states, in analysed pixels; None if none is stated."""
+    if camera.circle is None:
+        return None
+    x, y, radius = camera.circle
+    ((x, y),) = lens.of_clip(np.array([[x, y]]))
+    rim = stated_rim(picture, (float(x), float(y), radius * lens.zoom), STATED_SIGMA * lens.zoom)
+    if not rim.inside(picture.shape).any():
+        raise BadInput("measure drum: no part of --circle lies inside --region; correct one of them.")
+    return rim
+
+
+def _drum_in(
+    samples: list[Still], picture: FloatImage, stated: Rim | None
+) -> tuple[FloatImage, float, Rim | None, bool]:
+    """Motion over the clip, its noise, the drum, and whether its rim was found or stated."""
     motion = _motion(samples)
     noise = max(float(np.median(motion)), LEAST_NOISE)
+    if stated is not None:
+        return motion, noise, stated, True
     moving = motion > max(STANDS_OUT * noise, _otsu(motion))
     rim = find_rim(picture, moving)
     if rim is not None:

@@ -71,6 +71,15 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
     ]
 
 
+def _how_found(bed: Bed) -> str:
+    edge = f"an edge was found along {100 * bed.rim.support:.0f} % of"
+    if bed.rim.stated:
+        return f"the drum's circle was stated; {edge} it."
+    if bed.rim_seen:
+        return f"{edge} the drum's circle."
+    return "no edge of the drum's rim was found; its circle was fitted to the lower border of the bed."
+
+
 def rests_on(one: Quantity, of_picture: Sequence[Check]) -> set[str]:
     """Names of the checks that a quantity depends on: the avalanche frequency is independent of the camera roll."""
     return {each.check for each in of_picture} - ({"camera_roll"} if one.quantity == FREQUENCY else set())
@@ -98,9 +107,7 @@ def checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
             bed.rim_seen,
             bed.rim.support,
             1.0,
-            f"an edge was found along {100 * bed.rim.support:.0f} % of the drum's circle."
-            if bed.rim_seen
-            else "no edge of the drum's rim was found; its circle was fitted to the lower border of the bed.",
+            _how_found(bed),
         ),
         fill_check(fill, "the bed fills"),
         *_checks_of_shape(bed),

@@ -30,6 +30,7 @@ from rigtwin.measure.drum.evaluate import (
     rising_side,
 )
 from rigtwin.measure.drum.profiles import credible, hidden_columns, profile_of, without_flights
+from rigtwin.measure.drum.rim import Rim
 from rigtwin.measure.drum.rotation import stance_checks
 from rigtwin.measure.geometry.camera_roll import NOT_SEEN, nothing_level
 from rigtwin.measure.media.duplicate_frames import at_its_pace
@@ -103,7 +104,7 @@ def measure(
     if clip.suffix.lower() in PHOTOS:
         shown, odd = read_photo(clip, camera)
         warnings += odd
-        bed = bed_in_photo(shown, roll=camera.roll, bead_share=share, region=camera.region)
+        bed = bed_in_photo(shown, camera, bead_share=share)
         if bed is None:
             raise NothingToMeasure(
                 f"{clip}: no round drum was found with a bed that differs in colour from what is above it; "
@@ -114,7 +115,7 @@ def measure(
         shown = at_its_pace(open_video(clip, camera), progress)
         warnings += shown.warnings
         rate, spoilt = shown.frame_rate, shown.spoilt
-        bed = follow_bed(shown, roll=camera.roll, bead_share=share, region=camera.region, progress=progress)
+        bed = follow_bed(shown, camera, bead_share=share, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
     seen = _observation(bed, scale or 1.0, bead_diameter)
     still = camera_by_scene(bed.poses) if bed.poses else ""
@@ -156,7 +157,7 @@ def measure(
         "drum_centre_px": [float(each) for each in bed.lens.in_clip(np.array([bed.rim.centre]))[0]],
         "drum_radius_px": bed.rim.radius / bed.lens.zoom,
         "frames": len(bed.outlines),
-    }
+    } | camera.stated_view
     result = Measurement(
         rig="drum",
         source=clip,
@@ -232,8 +233,11 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
 
     variants = {"outline level": (profiles("looser"), profiles("stricter"))}
     variants["ends of the surface"] = (profiles("height", half_bead), profiles("height", 2 * half_bead))
+    usual = profiles("height")
+    if bed.rim.stated:
+        variants |= _with_other_circles(usual, bed.rim, unit)
     return Observation(
-        profiles("height"),
+        usual,
         np.array([outline.time for outline in outlines]),
         bed.rim.radius * unit,
         variants,
@@ -242,3 +246,23 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
         True,
         bead_diameter or bed.bead * unit,
     )
+
+
+def _with_other_circles(
+    profiles: list[Profile], rim: Rim, unit: float
+) -> dict[str, tuple[list[Profile], list[Profile]]]:
+    """Profiles as other circles give them, one standard uncertainty away in centre and radius.
+
+    Another centre moves the surface against the axis.  Another radius leaves more or less of it inside the drum, as a
+    smaller or larger picture of it inside the same drum does.
+    """
+
+    def seen(x: float = 0.0, height: float = 0.0, size: float = 1.0) -> list[Profile]:
+        return [replace(each, x=size * each.x + x, height=size * each.height + height) for each in profiles]
+
+    off, larger = rim.sigma * unit, rim.sigma / rim.radius
+    return {
+        "drum's centre, sideways": (seen(x=off), seen(x=-off)),
+        "drum's centre, height": (seen(height=off), seen(height=-off)),
+        "drum's radius": (seen(size=1 + larger), seen(size=1 - larger)),
+    }

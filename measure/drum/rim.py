@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
+from rigtwin.measure.robust import mad_std
 
 COARSE = 400  # [px], longer side of the reduced picture in which edges vote for the axis
 SPOKES = 240  # directions in which the edge of a circle is searched
@@ -30,6 +31,7 @@ class Rim:
     radius: float
     support: float  # [1], share of the circle with an edge
     sigma: float  # standard uncertainty of centre and radius
+    stated: bool = False  # by the user, not found
 
     def inside(self, shape: tuple[int, int], share: float = 1.0) -> npt.NDArray[np.bool_]:
         """Mask of pixels within `share` of the radius."""
@@ -61,6 +63,15 @@ def find_rim(picture: npt.NDArray[np.float32], moving: npt.NDArray[np.bool_] | N
     else:
         chosen = max(rings, key=lambda ring: ring.support)
     return _refined(picture, chosen)
+
+
+def stated_rim(picture: npt.NDArray[np.float32], circle: tuple[float, float, float], sigma: float) -> Rim:
+    """The circle (centre x, y and radius) as stated, with the share of it along which the picture has an edge."""
+    x, y, radius = circle
+    radii, radial, noise = _along_spokes(picture, np.array([x, y]))
+    near = np.abs(radii - radius) < 2 * sigma
+    support = float(np.mean(np.any(np.abs(radial[near]) > noise, axis=0)))
+    return Rim((x, y), radius, support, sigma, stated=True)
 
 
 def rim_of_bed(moving: npt.NDArray[np.bool_]) -> Rim | None:
@@ -194,7 +205,7 @@ def _circle_through(x: Array, y: Array) -> tuple[float, float, float, float] | N
         if squared <= 0:
             return None
         off = np.hypot(x - solution[0] / 2, y - solution[1] / 2) - math.sqrt(squared)
-        spread = 1.4826 * float(np.median(np.abs(off[keep] - np.median(off[keep])))) + 0.1
+        spread = mad_std(off[keep]) + 0.1
         before, keep = keep, np.abs(off) < 2.5 * spread
         if keep.sum() < 12:
             return None

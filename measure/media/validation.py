@@ -18,6 +18,10 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
     for option, (x, y) in camera.places():
         if not (-1 <= x <= width and -1 <= y <= height):
             raise BadInput(f"{path}: {option} names a point at {x:g},{y:g}, {outside}")
+    if camera.circle is not None and camera.circle[2] > max(width, height):
+        raise BadInput(
+            f"{path}: --circle has a radius of {camera.circle[2]:g} px, more than {width} x {height} px show."
+        )
 
 
 def must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:

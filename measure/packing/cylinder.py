@@ -17,6 +17,7 @@ from rigtwin.measure.bulk.outline import Silhouette, View, outline_of
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
+from rigtwin.measure.robust import mad_std
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
@@ -344,7 +345,7 @@ def _floor(
             answer = np.array([known, bulge])
         answer[1] = max(answer[1], 0.0) if known is None else answer[1]
         miss = y - answer @ np.array([np.ones_like(x), arc])
-        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.1 * radius)
+        scale = max(mad_std(miss, centre=0.0), 0.1 * radius)
         # a missed bead leaves a higher one as the lowest, so negative residuals are weighted less
         weight = np.where(miss < 0, 1 / (1 + (miss / (1.5 * scale)) ** 2), 1 / (1 + (miss / (2.5 * scale)) ** 2))
     floor_sigma = math.hypot(max(0.35 * radius, 1.0), level_sigma)

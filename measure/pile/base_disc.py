@@ -21,6 +21,7 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array
 from rigtwin.measure.bulk.beads import Beads, Edges, edges
 from rigtwin.measure.bulk.outline import Disc
+from rigtwin.measure.robust import mad_std
 
 Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
 
@@ -247,7 +248,7 @@ def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
         w = np.sqrt(weight * usual)
         answer = np.asarray(np.linalg.lstsq(design * w[:, None], values * w, rcond=None)[0], dtype=np.float64)
         miss = np.abs(values - design @ answer)
-        scale = max(1.4826 * float(np.median(miss)), 0.1)
+        scale = max(mad_std(miss, centre=0.0), 0.1)
         usual = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-9))
     return answer
 
@@ -284,8 +285,7 @@ def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: 
 
 def _usual(light: Array) -> float:
     """Upper limit of the grey levels of a face's columns outside lamp reflections."""
-    middle = float(np.median(light))
-    return middle + 3 * 1.4826 * float(np.median(np.abs(light - middle)))
+    return float(np.median(light)) + 3 * mad_std(light)
 
 
 def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) -> float | None:

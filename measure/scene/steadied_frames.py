@@ -39,8 +39,16 @@ class Cut:
 
     def in_clip(self, points: Array) -> Array:
         """Points in analysed pixels, shape (n, 2), converted to pixels of the clip."""
+        return np.asarray(points / self.zoom + self._corner)
+
+    def of_clip(self, points: Array) -> Array:
+        """Points in pixels of the clip, shape (n, 2), converted to analysed pixels."""
+        return np.asarray((points - self._corner) * self.zoom)
+
+    @property
+    def _corner(self) -> Array:
         left, top = (max(round(side), 0) for side in self.region[:2]) if self.region is not None else (0, 0)
-        return np.asarray(points / self.zoom + np.array([left, top]))
+        return np.array([left, top], dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -245,6 +245,8 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ('"double"', '"double"\nwall = "steel"', "experiment 2, wall", 'wall = "steel"\nparticle', "no wall"),
         # rigs and media
         ('rig = "drop"', 'rig = "dorp"', "experiment 1, rig", "dorp", "did you mean 'drop'"),
+        ('r02.csv"]', 'r02.csv"]\ncolumns = "weight=3"', "experiment 1, columns", "columns", "names no column"),
+        ('r02.csv"]', 'r02.csv"]\njoin = ["3"]', "experiment 1, join", "join", "two at least"),
         ('"r02.csv"]', '\n"r03.csv"]', "experiment 1, repetition 2", "r03.csv", "no file"),
         ('"p3.jpg"', '"."', "experiment 3, repetition 2", '"."', "no file"),
         ('["r01.mp4", "r02.csv"]', '[["r01.mp4", "r02.csv"]]', "experiment 1, repetition 1", '[["r01', "one file"),

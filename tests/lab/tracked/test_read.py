@@ -1,6 +1,7 @@
 """Tables of other programs are read in SI units, and what was understood is stated."""
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -138,6 +139,25 @@ def test_trackmates_xml_holds_several_bodies(tmp_path):
     assert (first.body, second.body) == ("0", "1")
     np.testing.assert_allclose(first.time, [0, 0.5, 1])
     np.testing.assert_allclose(second.position[:, 1], [0, 0.01, 0.02])
+
+
+TRACKS = '<Tracks spaceUnits="mm" frameInterval="{}" timeUnits="sec"><particle>{}</particle></Tracks>'
+BOMB = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;">]>'
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "complaint"),
+    [
+        (TRACKS.format("fast", '<detection t="1" x="1" y="1" />'), "a.xml", "frameInterval of Tracks is 'fast'"),
+        (TRACKS.format("1", '<detection t="now" x="1" y="1" />'), "a.xml", "frame of a point is 'now'"),
+        (BOMB + TRACKS.format("1", '<detection t="&b;" x="1" y="1" />'), "a.xml", "declares XML entities"),
+        (TRACKER.format(MARK.format(0, "left", 2)), "a.trk", "x is 'left'"),
+        (TRACKER.format(MARK.format(0, 1, 2)).replace("1000.0", "0"), "a.trk", "xscale is 0"),
+    ],
+)
+def test_a_project_file_with_a_bad_entry_is_refused(tmp_path, text, name, complaint):
+    with pytest.raises(BadInput, match=re.escape(complaint)):
+        read_bodies(written(tmp_path, text, name))
 
 
 @pytest.mark.parametrize(

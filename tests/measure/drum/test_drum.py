@@ -22,6 +22,7 @@ from rigtwin.measure.drum import evaluate as drum
 from rigtwin.measure.drum import measurement as drum_measurement
 from rigtwin.measure.drum.bed import Bed, Outline, Still, _hides
 from rigtwin.measure.drum.glare import brightened_share
+from rigtwin.measure.drum.rim import Rim
 from rigtwin.measure.drum.rotation import turning_of
 from rigtwin.measure.drum.time_average import mean_over_time
 
@@ -344,7 +345,7 @@ def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> Non
     bed = SimpleNamespace(
         outlines=tuple(outlines),
         bead=8.0,
-        rim=SimpleNamespace(radius=RADIUS_PX),
+        rim=Rim((0.0, 0.0), RADIUS_PX, 1.0, 0.5),
         upright=SimpleNamespace(sigma=0.0, source=""),
     )
     seen = drum_measurement._observation(bed, RADIUS / RADIUS_PX, 0.006)
@@ -454,6 +455,67 @@ def test_a_single_picture_is_measured_with_a_warning_that_it_is_one_moment(tmp_p
     assert any("single picture" in warning for warning in found.warnings)
     assert any("scale" in warning for warning in found.warnings)
     assert found.profiles == ()
+
+
+def drum_beside_a_plate(path: Path) -> None:
+    """A drum of radius 80 px round (400, 120) whose surface falls by 38 degrees, beside a plate with a clear rim."""
+    picture = np.full((300, 520), 225, np.uint8)
+    cv2.circle(picture, (150, 150), 120, 20, 6, cv2.LINE_AA)
+    y, x = np.mgrid[:300, :520]
+    inside = np.hypot(x - 400, y - 120) < 80
+    picture[inside] = 235
+    picture[inside & (y - 120 > math.tan(math.radians(38)) * (x - 400))] = 60
+    cv2.imwrite(str(path), cv2.GaussianBlur(picture, (0, 0), 1.0))
+
+
+@pytest.mark.parametrize("region", [None, (300.0, 20.0, 210.0, 210.0)])
+def test_a_drum_is_where_its_circle_is_stated(tmp_path: Path, region: tuple[float, float, float, float] | None) -> None:
+    drum_beside_a_plate(tmp_path / "drum.png")
+    camera = Camera(circle=(401.0, 119.0, 80.0), region=region)
+    found = drum_measurement.measure(tmp_path / "drum.png", camera, drum_diameter=0.15, out=tmp_path / "out")
+    angle = find(found, drum.GRAPHICAL, drum.TANGENT)
+    assert angle.value == pytest.approx(38.0, abs=0.6)
+    assert found.camera["stated"] == ["circle"]
+    assert found.camera["drum_centre_px"] == pytest.approx([401.0, 119.0])
+    assert found.camera["scale_m_per_px"] == pytest.approx(0.15 / 160)
+    assert any("the drum's circle was stated" in check.message for check in found.checks)
+
+
+def test_without_a_stated_circle_the_plate_beside_the_drum_is_no_drum_that_is_silently_measured(tmp_path: Path) -> None:
+    drum_beside_a_plate(tmp_path / "drum.png")
+    try:
+        found = drum_measurement.measure(tmp_path / "drum.png", Camera(), drum_diameter=0.15)
+    except NothingToMeasure:
+        return
+    angle = find(found, drum.GRAPHICAL, drum.TANGENT)
+    assert angle.doubtful or angle.interval95[0] < 38.0 < angle.interval95[1]
+
+
+def test_the_uncertainty_of_a_stated_circle_is_in_the_angle(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 30.0, bend=0.3)
+    path = tmp_path / "drum.mp4"
+    circle = (CENTRE[0] + 2.0, CENTRE[1] - 2.0, RADIUS_PX + 2.0)
+    found, stated = (
+        drum_measurement.measure(path, Camera(frame_rate=30.0, circle=each), drum_diameter=0.15, bead_diameter=0.006)
+        for each in (None, circle)
+    )
+    for definition in (drum.MIDDLE, drum.TANGENT):
+        seen, given = find(found, drum.GRAPHICAL, definition), find(stated, drum.GRAPHICAL, definition)
+        circle_parts = {"drum's centre, sideways", "drum's radius"}
+        assert circle_parts <= set(given.budget) - set(seen.budget)
+        assert all(given.budget[part] > 0 for part in circle_parts)
+        assert abs(given.value - seen.value) < 2 * given.std_uncertainty
+
+
+def test_a_circle_that_does_not_fit_the_picture_is_refused(tmp_path: Path) -> None:
+    drum_beside_a_plate(tmp_path / "drum.png")
+    for circle, region, complaint in (
+        ((900.0, 100.0, 80.0), None, "--circle names a point at 900,100"),
+        ((400.0, 120.0, 800.0), None, "--circle has a radius of 800 px"),
+        ((60.0, 60.0, 50.0), (300.0, 0.0, 200.0, 200.0), "no part of --circle lies inside --region"),
+    ):
+        with pytest.raises(BadInput, match=complaint):
+            drum_measurement.measure(tmp_path / "drum.png", Camera(circle=circle, region=region), drum_diameter=0.15)
 
 
 def test_a_clip_without_a_drum_is_refused(tmp_path: Path) -> None:

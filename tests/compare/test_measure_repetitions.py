@@ -1,0 +1,47 @@
+"""Repetitions of a lab are measured as its file states."""
+
+import math
+
+import pytest
+
+from rigtwin.compare.measure_repetitions import Failure, measure_repetition
+from rigtwin.lab.file.lab_file import read_lab
+
+LAB = """\
+[[experiments]]
+id = "drop"
+rig = "drop"
+particle = "D6"
+wall = "steel"
+repetitions = ["ball.csv"]
+{}
+"""
+COLUMNS = 'columns = "t=Uhr[ms],y=Ort[m],id=Spur"'
+
+
+def drop(folder, *lines):
+    """The experiment of a lab whose one drop is a table of unknown columns, its track broken in two."""
+    rows, impact, restitution = ["Uhr;Ort;Spur"], math.sqrt(2 * 0.3 / 9.81), 0.7
+    for k in range(150):
+        time = k / 240
+        since = time - impact
+        height = 0.3 - 9.81 * time**2 / 2 if since < 0 else restitution * 9.81 * impact * since - 9.81 * since**2 / 2
+        rows.append(f"{1e3 * time:.4f};{height:.6f};{'late' if k > 75 else 'early'}")
+    (folder / "ball.csv").write_text("\n".join(rows))
+    (folder / "lab.toml").write_text(LAB.format("\n".join(lines)))
+    (experiment,) = read_lab(folder).experiments
+    return experiment
+
+
+def test_columns_of_a_table_and_its_broken_track_are_stated_in_the_lab(tmp_path):
+    experiment = drop(tmp_path, COLUMNS, 'join = ["early,late"]')
+    found = measure_repetition(experiment, experiment.repetitions[0], None)
+    assert found.value("restitution_wall", method="velocity", bounce=1) == pytest.approx(0.7, abs=0.003)
+    assert found.table["points"] == 150
+
+
+def test_a_column_that_is_stated_and_not_there_is_named(tmp_path):
+    experiment = drop(tmp_path, COLUMNS.replace("Ort", "Hoehe"))
+    found = measure_repetition(experiment, experiment.repetitions[0], None)
+    assert isinstance(found, Failure)
+    assert "no column 'Hoehe' for y" in found.message
