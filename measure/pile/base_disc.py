@@ -289,13 +289,17 @@ def _usual(light: Array) -> float:
 
 
 def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) -> float | None:
-    """Row at which a departure from the plain rows first reaches half of its height; None if it never departs."""
+    """Row at which a departure from the plain rows first rises by half an edge; None if it nowhere does.
+
+    An edge rises within `EDGE_ROWS`; light that falls off along the face changes more slowly.
+    """
     first, usual = int(np.sum(plain)), float(np.std(departure[plain]))
-    (clear,) = np.nonzero(departure[first:] > max(least, 4 * usual, 2.0))
+    earlier = np.concatenate([np.full(EDGE_ROWS, departure[0]), departure[:-EDGE_ROWS]])
+    (clear,) = np.nonzero((departure - earlier)[first:] > max(least, 4 * usual, 2.0))
     if len(clear) == 0:
         return None
     start = first + int(clear[0])
-    level = float(departure[start : start + EDGE_ROWS].max()) / 2
+    level = (float(departure[start : start + EDGE_ROWS].max()) + float(earlier[start])) / 2
     row = start
     while row > first and departure[row - 1] >= level:
         row -= 1

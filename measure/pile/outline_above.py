@@ -158,9 +158,10 @@ def _log_ratio(
     everywhere = count_of(index[outside])
     answer = np.empty(index.shape)
     width, stride = index.shape[1], max(int(3 * radius), 8)
-    for left in range(0, width, stride):
+    beyond = (-width % stride) // 2  # strips lie symmetrically, so that a mirrored photo gives the mirrored border
+    for left in range(-beyond, width, stride):
         window = slice(max(left - stride, 0), left + 2 * stride)
-        strip = slice(left, min(left + stride, width))
+        strip = slice(max(left, 0), left + stride)
         near = index[:, window][outside[:, window]]
         behind = 0.7 * count_of(near) + 0.3 * everywhere if near.size else everywhere
         answer[:, strip] = np.log((matter + 0.1 * little) / (behind + little))[index[:, strip]]
