@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import cv2
 import numpy as np
 
-from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.arrays import Array, GreyImage, Image
 from rigtwin.lab.camera import STATED_SIGMA, Flank, Line
 from rigtwin.measure.bulk.beads import (
     Beads,
@@ -84,32 +83,34 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     exposure = exposure_of(grey[::2, ::2])
     image, grey = exposure.applied(image), exposure.applied(grey)
-    circles = _beads(grey)
-    if circles is None:
+    disc = find_disc(image, grey, focal_length=focal_length * zoom, roll=roll)
+    circles = _beads(grey if disc is None else _above(grey, disc))
+    if disc is not None:
+        view = span = _view_of_disc(disc)
+        bead_seen = math.nan if circles is None else circles[1]
+        usual = view.radius / USUAL_BEADS if circles is None else circles[0].radius
+        radius = usual if beads_across is None else view.radius / beads_across
+    elif circles is not None:
+        beads, bead_seen = circles
+        rims, alike = edges(grey), likeness(image, beads, look_cells(image, beads.radius, textured=True))
+        beads = more_beads(rims, alike, beads)
+        view, radius = _view_of_feet(beads, roll), beads.radius
+        across = (beads.centre - np.array(view.origin)) @ np.array([np.cos(view.roll), np.sin(view.roll)])
+        span = replace(view, radius=float(np.abs(across).max()) + radius)
+    else:
         return None
-    beads, bead_seen = circles
-    cells = look_cells(image, beads.radius, textured=True)
-    rims = edges(grey)
-    beads = more_beads(rims, likeness(image, beads, cells), beads)
-    alike = likeness(image, beads, cells)
-    search = partial(find_disc, grey, alike, beads, focal_length=focal_length * zoom, roll=roll)
-    disc = search(beads_across=beads_across)
-    if beads_across is not None and (disc is None or disc.doubtful):
-        # circles on cubes, cylinders or few clear beads have another size than the beads
-        other = search(beads_across=None)
-        if disc is not None and other is not None and other.support > disc.support:
-            disc = other
-    view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
-    if disc is not None and beads_across is not None:
-        beads = more_beads(rims, alike, Beads(beads.centre, view.radius / beads_across))
-        alike = likeness(image, beads, look_cells(image, beads.radius, textured=True))
-    across = (beads.centre - np.array(view.origin)) @ np.array([np.cos(view.roll), np.sin(view.roll)])
-    span = view if disc is not None else replace(view, radius=float(np.abs(across).max()) + beads.radius)
-    found = outline_above(image, span, beads.radius)
+    found = outline_above(image, span, radius)
     if found is None:
         return None
     found = replace(found, view=view, disc=disc, zoom=zoom, bead_seen=bead_seen)
     return found if _looks_like_a_heap(found) else None
+
+
+def _above(grey: GreyImage, disc: Disc) -> GreyImage:
+    """The part of a picture that a heap on a disc may fill."""
+    (x, y), half = disc.centre, disc.half_width
+    rows = slice(max(round(y - half), 0), max(round(y + disc.bulge), 1))
+    return np.ascontiguousarray(grey[rows, max(round(x - half), 0) : max(round(x + half), 1)])
 
 
 def _heap_on(
