@@ -24,7 +24,7 @@ from rigtwin.measure.bulk.beads import (
 )
 from rigtwin.measure.geometry.lines import fullest_run
 
-DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which another edge may have been found
+DOUBTFUL_SUPPORT = 0.6  # share of rim and walls on edges below which another thing may have been found
 COVERED = 0.8  # minimum share of the area under the outline that circles cover
 
 

@@ -27,6 +27,7 @@ from rigtwin.measure.robust import mad_std
 Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
 
 LEAST_SUPPORT = 0.45  # least share of lower rim and walls on edges
+WORSE = 0.05  # loss of support beyond which sub-pixel edges were those of something else
 LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
 LEAST_WIDTH = 0.24  # [picture widths] of a base
 ISLANDS, ISLANDERS, SURVIVORS = 5, 100, 40  # parts of the height with the front rim, candidates of each, later
@@ -97,12 +98,14 @@ def find_disc(image: Image, grey: GreyImage, *, focal_length: float, roll: float
     ]
     best = _candidate(_search(costs, _bounds(grey.shape, roll)))
     fine = edges(grey, blur=1.2)
-    candidate = _sharpened(grey, fine, best, focal_length)
-    template = _Template(*candidate[:, None, None])
-    lower, left, right, *_ = _support(fine, template, focal_length, 160)[:, 0]
-    support = float((2 * lower + left + right) / 4)
-    if support < LEAST_SUPPORT or (left + right) / 2 < LEAST_WALL:
+    candidates = np.array([_sharpened(grey, fine, best, focal_length), best])
+    lower, left, right, *_ = _support(fine, _Template(*candidates.T[..., None]), focal_length, 160)
+    supports, walls = (2 * lower + left + right) / 4, (left + right) / 2
+    at = int(supports[1] > supports[0] + WORSE)  # sub-pixel edges that were others' leave the template worse supported
+    candidate, support = candidates[at], float(supports[at])
+    if support < LEAST_SUPPORT or walls[at] < LEAST_WALL:
         return None
+    template = _Template(*candidate[:, None, None])
     _, _, half, turn, _, thickness = (float(value) for value in candidate)
     x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
     bulge, near = float(template.bulge(focal_length)[0, 0]), float(nearness(template.half, focal_length)[0, 0])
@@ -335,6 +338,9 @@ def _sample_points(count: int) -> dict[str, _SamplePoints]:
         distance = along[0] + (along[1] - along[0]) * np.abs(outer)
         return np.sign(outer) * distance, above[0] + (above[1] - above[0]) * grid[:, 1]
 
+    def one_side(left: float, right: float) -> tuple[Array, Array]:
+        return left + (right - left) * grid[:, 0], 0.1 + 0.8 * grid[:, 1]
+
     def first(points: tuple[Array, Array], kept: npt.NDArray[np.bool_] | None = None) -> _SamplePoints:
         along, above = (part if kept is None else part[kept] for part in points)
         return _SamplePoints(along[:count].astype(np.float32), above[:count].astype(np.float32))
@@ -347,7 +353,8 @@ def _sample_points(count: int) -> dict[str, _SamplePoints]:
         "beside heap": first(spread((1.06, 1.3), (0.0, 0.12))),
         "beside face": first(spread((1.03, 1.2), (0.0, 1.0))),
         "face": first(spread((0.0, 0.92), (0.1, 0.9))),
-        "ends of face": first(spread((0.88, 0.985), (0.1, 0.9))),
+        "left end of face": first(one_side(-0.985, -0.88)),
+        "right end of face": first(one_side(0.88, 0.985)),
     }
 
 
@@ -376,7 +383,8 @@ class _Cost:
 
         score = 2 * lower + 0.45 * (left + right + np.minimum(left, right)) + 0.5 * upper - uneven
         score += 4 * apart("core", "sky") + 4 * apart("core", "face") + 2 * apart("core", "beside heap")
-        score += apart("face", "beside face") - apart("face", "ends of face") - 2 * apart("core", "foot")
+        score += apart("face", "beside face") - 2 * apart("core", "foot")
+        score -= 0.6 * (apart("face", "left end of face") + apart("face", "right end of face"))
         score -= THICK * template.thickness[:, 0]
         narrow = LEAST_WIDTH * self.picture.x.shape[1] / (2 * np.maximum(template.half[:, 0], 1)) - 1
         return np.asarray(-score + 10 * np.maximum(narrow, 0))

@@ -210,7 +210,7 @@ def _quantities_of_view(
     quantities.sort(key=lambda one: place.get((one.quantity, one.method), len(order)))
     leaning = failed(seen.checks, ("camera_roll",))  # a tilted base line adds to one side what it takes from the other
     quantities = [doubted(one, leaning if one.detail["side"] != "mean" else "") for one in quantities]
-    wrong_size = failed(seen.checks, ("base_diameter",))
+    wrong_size = failed(seen.checks, ("base_diameter", "bead_size"))
     return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw)]
 
 

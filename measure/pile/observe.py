@@ -16,7 +16,6 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
-from rigtwin.lab.quantity import failed
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
@@ -30,7 +29,6 @@ from rigtwin.measure.pile.checks import (
     BASE_UNCERTAINTY,
     base_check,
     size_checks,
-    sizes_against_base,
     uneven_flanks,
 )
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
@@ -54,6 +52,8 @@ BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
 )  # relative standard uncertainty of a scale from beads, and of a given one
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
+
+UNSURE = 0.2  # share of the outline that another threshold moves by more than a bead radius
 
 ALIKE_BEHIND, DOUBTFUL_COVER = 0.3, 0.75  # mean likelihood of matter above and below the outline
 
@@ -96,7 +96,8 @@ def observe_photo(
     if found is None:
         raise NothingToMeasure(
             f"{photo}: no heap of beads with contrast to its background was found; "
-            "give a side view of the whole heap, or its place with --region x,y,width,height."
+            "give a side view of the whole heap, its place with --region x,y,width,height, or the line it stands on with "
+            "--base x1,y1,x2,y2."
         )
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
@@ -104,8 +105,6 @@ def observe_photo(
     sizes, unconfirmed = (
         ((), "") if found.stated is not None else size_checks(found, scale, scale_from, bead_diameter, base_diameter)
     )
-    contradicted = sizes_against_base(look(), ratio) if found.view.radius == 0 and ratio is not None else ""
-    misfit = failed(sizes)
     if base_diameter is not None and scale is not None and found.view.radius > 0 and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
         sizes = (*sizes, base_check(across, _scale_uncertainty(found, scale_from, camera), base_diameter, scale_from))
@@ -118,7 +117,7 @@ def observe_photo(
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_UNCERTAINTY if focal_length is None else STATED_FOCAL_UNCERTAINTY),
-        contradicted or _flaw_of_picture(found) or misfit or hidden,
+        _flaw_of_picture(found) or hidden,
         2 * found.bead_radius * unit,
         sizes,
         _scale_uncertainty(found, scale_from, camera),
@@ -176,14 +175,15 @@ def _scale(
 def _scale_uncertainty(found: Silhouette, scale_from: str, camera: Camera) -> float:
     """Relative standard uncertainty of the scale; 0 if there is no scale."""
     if scale_from == "base diameter" and found.stated is not None:
-        return _ends_uncertainty(found.stated) / found.view.radius
+        return _ends_uncertainty(found) / found.view.radius
     by_sizes = {"base diameter": BASE_UNCERTAINTY, "bead diameter": BEAD_UNCERTAINTY, NO_SCALE: 0.0}
     return by_sizes.get(scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY))
 
 
-def _ends_uncertainty(stated: float) -> float:
-    """Standard uncertainty of half the distance of two stated ends [px], from that of each end [px]."""
-    return stated / math.sqrt(2)
+def _ends_uncertainty(found: Silhouette) -> float:
+    """Standard uncertainty of half the distance of the base's ends [px]."""
+    end = found.stated if found.stated is not None else found.disc.sigma if found.disc is not None else 0.0
+    return end / math.sqrt(2)
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:
@@ -218,12 +218,14 @@ def _variants(
             _other_distance(view, found.disc, stretch) for stretch in (factor, 1 / factor)
         )
         pairs["camera distance"] = (far, height + far_lift), (near, height + near_lift)
-    if found.stated is not None:
-        wider, distance = _ends_uncertainty(found.stated), view.camera_distance
+    if view.radius > 0:
+        wider = _ends_uncertainty(found)
         pairs["base ends"] = (
             (replace(view, radius=view.radius + wider), height),
             (replace(view, radius=view.radius - wider), height),
         )
+    if found.stated is not None:
+        distance = view.camera_distance
         if math.isfinite(distance):
             lowest, highest = (distance * math.tan(math.radians(down)) for down in (0.0, 2 * USUAL_DEPRESSION))
             pairs["camera height"] = (
@@ -275,8 +277,8 @@ def _flaw_of_picture(found: Silhouette) -> str:
     if found.disc is not None and found.disc.doubtful:
         return "the edges of the base disc are unclear, so the base line may be wrong"
     apart = np.abs(found.looser - found.stricter)
-    if float(np.nanmean(apart > found.bead_radius)) > 0.1:
-        return "more than a tenth of the outline depends on the threshold that separates beads from the background"
+    if float(np.nanmean(apart > found.bead_radius)) > UNSURE:
+        return "more than a fifth of the outline depends on the threshold that separates beads from the background"
     return ""
 
 

@@ -67,7 +67,8 @@ def classes_of(picture: Image) -> PictureClasses:
     layers = [LIGHTNESS * lightness, *hues, *(_roughness(fine, window) for window in WINDOWS)]
     features = np.stack(layers, axis=-1, dtype=np.float32).reshape(-1, len(layers))
     some = np.random.default_rng(0).choice(features, min(SAMPLED, len(features)), replace=False)
-    centres, _ = kmeans2(some, CLASSES, iter=ROUNDS, minit="++", rng=0)
+    count = min(CLASSES, len(np.unique(some, axis=0)))
+    centres, _ = kmeans2(some, count, iter=ROUNDS, minit="++", rng=0)
     label, _ = vq(features, centres)
     return PictureClasses(label.reshape(small.shape[:2]).astype(np.uint8), zoom)
 

@@ -34,6 +34,8 @@ USUAL_BEADS = 25  # bead diameters across a base where neither sizes nor circles
 
 LEAST_MATTER, MOST_ALIKE = 0.6, 0.45  # mean likelihood of matter below and above the border of any heap
 
+SIZE_RANGE = 2.0  # largest ratio of the apparent to the stated size of beads that is searched
+
 COARSE = 900  # [px], width of the reduced picture that is searched for beads
 
 
@@ -84,13 +86,15 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     exposure = exposure_of(grey[::2, ::2])
     image, grey = exposure.applied(image), exposure.applied(grey)
     disc = find_disc(image, grey, focal_length=focal_length * zoom, roll=roll)
-    circles = _beads(grey if disc is None else _above(grey, disc))
     if disc is not None:
         view = span = _view_of_disc(disc)
-        bead_seen = math.nan if circles is None else circles[1]
-        usual = view.radius / USUAL_BEADS if circles is None else circles[0].radius
-        radius = usual if beads_across is None else view.radius / beads_across
-    elif circles is not None:
+        stated = None if beads_across is None else view.radius / beads_across
+        circles = _beads(_above(grey, disc), stated)
+        if circles is None:
+            return None
+        beads, bead_seen = circles
+        radius = beads.radius if stated is None else stated
+    elif (circles := _beads(grey)) is not None:
         beads, bead_seen = circles
         rims, alike = edges(grey), likeness(image, beads, look_cells(image, beads.radius, textured=True))
         beads = more_beads(rims, alike, beads)
@@ -175,11 +179,14 @@ def _shrunk(picture: Image, factor: float) -> Image:
     return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _beads(grey: Image) -> tuple[Beads, float] | None:
-    """Circles of the heap, and the radius [px] of their rims."""
+def _beads(grey: GreyImage, radius: float | None = None) -> tuple[Beads, float] | None:
+    """Circles of the heap, and the radius [px] of their rims; `radius` is that by the stated sizes."""
     shrink = min(1.0, COARSE / _breadth(grey))
     small = _shrunk(grey, shrink)
-    beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
+    smallest, largest = (0.0045 * small.shape[1], 0.05 * small.shape[1])
+    if radius is not None:
+        smallest, largest = radius * shrink / SIZE_RANGE, radius * shrink * SIZE_RANGE
+    beads = find_beads(small, (smallest, largest))
     if beads is None:
         return None
     return Beads(beads.centre / shrink, beads.radius / shrink), rim_radius(small, beads) / shrink

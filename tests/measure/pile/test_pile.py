@@ -639,11 +639,15 @@ def test_a_base_of_25_beads_is_as_wide_as_advised() -> None:
     assert "24.9 bead diameters wide; 25 or more are advised" in advice
 
 
-def test_sizes_by_which_no_base_is_found_are_compared_with_the_base_in_the_picture(tmp_path: Path) -> None:
+def test_a_bead_that_looks_larger_than_stated_makes_lengths_doubtful_and_no_angle(tmp_path: Path) -> None:
     scene = Scene(seed=8)
     result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=scene.base * BEAD, bead_diameter=2 * BEAD)
-    assert all("check --bead-diameter and --base-diameter" in each.doubtful for each in result.quantities)
-    assert not any("give --base-diameter" in warning for warning in result.warnings)
+    doubtful = {each.quantity: "check --bead-diameter" in each.doubtful for each in result.quantities}
+    assert doubtful["pile_height"]
+    assert not doubtful["angle_of_repose_graphical"]
+    exact = truth(scene)
+    for quantity in MAIN:
+        assert angle(result, quantity, "mean").value == pytest.approx(angle(exact, quantity, "mean").value, abs=1.5)
 
 
 def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_path: Path) -> None:
