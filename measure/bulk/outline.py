@@ -86,9 +86,8 @@ class Silhouette:
     disc: Disc | None
     zoom: float  # px of the measured picture per px of the photo
     cut_off: bool  # the outline touches the border of the picture
-    covered: float  # [1], share of the area under the outline that circles cover
+    covered: float  # [1], share of the area under the outline that looks like beads
     alike_behind: float  # [1], mean likeness to beads just above the outline
-    unexplained: float  # [1], share of the outline more than a bead radius above all circles
     bead_seen: float = float("nan")  # bead radius from the picture alone, independent of stated sizes
     stated: float | None = None  # standard uncertainty of both ends of a base line that was stated
 
@@ -188,7 +187,6 @@ def outline_of(
         zoom=1.0,
         cut_off=bool(np.any(margin & heap)),
         covered=_covered(columns, rows, usual, heap, np.column_stack([u, h]), beads.radius),
-        unexplained=float(np.mean(higher[usual.astype(int), np.arange(len(columns))][heap] > 1.0)),
         alike_behind=float(np.mean(_just_above(colour, usual, beads.radius)[:, heap])),
     )
 

@@ -9,7 +9,6 @@ picture by differential evolution.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, GreyImage, Image
 from rigtwin.measure.bulk.beads import Edges, edges
 from rigtwin.measure.bulk.outline import Disc
-from rigtwin.measure.pile.picture_classes import PictureClasses, classes_of, divergence
+from rigtwin.measure.pile.picture_classes import PictureClasses, classes_of, divergences
 from rigtwin.measure.robust import mad_std
 
 Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
@@ -33,7 +32,7 @@ LEAST_WIDTH = 0.24  # [picture widths] of a base
 ISLANDS, ISLANDERS, SURVIVORS = 5, 100, 40  # parts of the height with the front rim, candidates of each, later
 ISLAND_GENERATIONS, GENERATIONS = 35, 35
 SAMPLES = (20, 40)  # points along a rim, at first and for the final search
-POINTS = (48, 144)  # points in a region, likewise
+POINTS = (32, 96)  # points in a region, likewise
 LEADERS = 12  # best candidates around which mutants are made
 CROSSED = 0.7  # crossover probability per number of a candidate
 ALIKE = 1e-3  # relative spread of the costs at which a search stops
@@ -47,6 +46,18 @@ SHADOW = 0.3  # of the largest darkening above the face: shadows on the face its
 EDGE_ROWS = 8  # [half pixels], width of an edge blurred by the lens
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
 FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the above
+
+
+# weights of the differences between regions of the template; below 0: they should be alike
+CONTRASTS = {
+    ("core", "sky"): 4.0,
+    ("core", "face"): 4.0,
+    ("core", "beside heap"): 2.0,
+    ("core", "foot"): -2.0,
+    ("face", "beside face"): 1.0,
+    ("face", "left end of face"): -0.6,
+    ("face", "right end of face"): -0.6,
+}
 
 
 @dataclass(frozen=True)
@@ -122,9 +133,7 @@ def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
     parts[:, 2] = np.column_stack([sills[:-1] - 0.2 * np.diff(sills), sills[1:]])
     islands, energies = _evolved(costs[0], parts, None, ISLAND_GENERATIONS)
     best = np.argsort(energies, axis=1)[:, :SURVIVORS]
-    population, energies = _evolved(
-        costs[1], parts, np.take_along_axis(islands, best[..., None], axis=1), GENERATIONS
-    )
+    population, energies = _evolved(costs[1], parts, np.take_along_axis(islands, best[..., None], axis=1), GENERATIONS)
     island, place = np.unravel_index(np.argmin(energies), energies.shape)
     return np.asarray(population[island, place])
 
@@ -376,15 +385,9 @@ class _Cost:
         """Cost of places, shape (6, n), in the numbers of `_candidate`."""
         template = _Template(*_candidate(places).astype(np.float32)[..., None])
         lower, left, right, upper, uneven = _support(self.picture, template, self.focal_length, self.samples)
-        seen = self._shares(template)
-
-        def apart(one: str, other: str) -> Array:
-            return divergence(seen[one], seen[other])
-
+        apart = divergences(self._shares(template), list(CONTRASTS))
         score = 2 * lower + 0.45 * (left + right + np.minimum(left, right)) + 0.5 * upper - uneven
-        score += 4 * apart("core", "sky") + 4 * apart("core", "face") + 2 * apart("core", "beside heap")
-        score += apart("face", "beside face") - 2 * apart("core", "foot")
-        score -= 0.6 * (apart("face", "left end of face") + apart("face", "right end of face"))
+        score += sum(weight * bits for weight, bits in zip(CONTRASTS.values(), apart, strict=True))
         score -= THICK * template.thickness[:, 0]
         narrow = LEAST_WIDTH * self.picture.x.shape[1] / (2 * np.maximum(template.half[:, 0], 1)) - 1
         return np.asarray(-score + 10 * np.maximum(narrow, 0))

@@ -96,8 +96,8 @@ def observe_photo(
     if found is None:
         raise NothingToMeasure(
             f"{photo}: no heap of beads with contrast to its background was found; "
-            "give a side view of the whole heap, its place with --region x,y,width,height, or the line it stands on with "
-            "--base x1,y1,x2,y2."
+            "give a side view of the whole heap, its place with --region x,y,width,height, "
+            "or the line it stands on with --base x1,y1,x2,y2."
         )
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0

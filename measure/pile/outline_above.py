@@ -21,7 +21,7 @@ from rigtwin.measure.geometry.lines import fullest_run
 
 FLATTEST, STEEPEST = 0.15, 1.2  # slopes [1]: every heap rises more than the first and less than the second
 NARROWEST = 0.6  # share of the base that every heap covers
-ROUNDS = 3  # of histograms and border; the border moves by less than a pixel afterwards
+ROUNDS = 2  # of histograms and border; the border moves by less than a pixel afterwards
 REACH = 8.0  # [bead radii], overhang of the heap beyond the base
 SKY = 14.0  # [bead radii], height of the strip of background above the border
 TEXTURES = 64  # steps of roughness
@@ -83,10 +83,11 @@ def outline_above(image: Image, view: View, radius: float, flank: Flank | None =
         evidence = np.clip(ratio, -3, 3)
         gaps = float(np.clip(np.mean(evidence[inside] < -1), FEWEST_GAPS, MOST_GAPS))
         gain = np.log((1 - gaps) * np.exp(evidence) + gaps)
-        readings = np.stack([gain + shift for shift in (0.0, 0.8, -0.8)])
-        found = cheapest_borders(readings, borders, 0.35 * radius)
-        inside = count > found[0] + 0.3 * radius
-        outside = (count < found[0] - 0.6 * radius) & (count > found[0] - SKY * radius)
+        (border,) = cheapest_borders(gain[None], borders, 0.35 * radius)
+        inside = count > border + 0.3 * radius
+        outside = (count < border - 0.6 * radius) & (count > border - SKY * radius)
+    readings = np.stack([gain + shift for shift in (0.0, 0.8, -0.8)])
+    found = cheapest_borders(readings, borders, 0.35 * radius)
     usual, looser, stricter = (bead_shaped(border, radius) for border in found)
     fine, clearness = sub_pixel(borders, usual)
     heap = _largest_run(usual < len(rows) - 1 - 0.5 * radius, math.ceil(2 * radius))
@@ -114,7 +115,6 @@ def outline_above(image: Image, view: View, radius: float, flank: Flank | None =
         cut_off=bool(np.any(margin & heap)),
         covered=float(np.mean(likely[below])) if below.any() else 0.0,
         alike_behind=float(np.mean(likely[outside])) if outside.any() else 1.0,
-        unexplained=0.0,
     )
 
 
@@ -129,7 +129,7 @@ def _largest_run(heap: npt.NDArray[np.bool_], gap: int) -> npt.NDArray[np.bool_]
 def _roughness(level: Image, radius: float) -> npt.NDArray[np.int32]:
     """Step of the local standard deviation of lightness of every pixel, 0 to `TEXTURES` - 1."""
     light = cv2.cvtColor(level, cv2.COLOR_BGR2LAB)[..., 0].astype(np.float32)
-    light = cv2.GaussianBlur(light, (0, 0), max(0.1 * radius, 0.8))
+    light = np.asarray(cv2.GaussianBlur(light, (0, 0), max(0.1 * radius, 0.8)), dtype=np.float32)
     window = (2 * round(0.5 * radius) + 1,) * 2
     rough = np.sqrt(np.maximum(cv2.blur(light * light, window) - cv2.blur(light, window) ** 2, 0))
     # smoothest window that contains the pixel (Kuwahara et al. 1976), so that an edge adds no roughness beside it

@@ -5,8 +5,9 @@ The classes are found in each picture anew, so nothing is assumed about the look
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -47,8 +48,8 @@ class PictureClasses:
         dict
             Shares of shape (n, classes) by region.
         """
-        place = (np.asarray(part * self.zoom, dtype=np.float32) for part in (x, y))
-        seen = cv2.remap(self.label, *place, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        map_x, map_y = (np.asarray(part * self.zoom, dtype=np.float32) for part in (x, y))
+        seen = cv2.remap(self.label, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
         count, regions = len(seen), len(sizes)
         region = np.repeat(np.arange(regions), list(sizes.values()))
         cell = (np.arange(count)[:, None] * regions + region) * CLASSES + seen
@@ -61,9 +62,9 @@ def classes_of(picture: Image) -> PictureClasses:
     from scipy.cluster.vq import kmeans2, vq
 
     zoom = min(1.0, WIDTH / picture.shape[1])
-    small = cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)
-    lightness, *hues = cv2.split(_lab(cv2.GaussianBlur(small, (0, 0), 1.0)))
-    fine = cv2.GaussianBlur(_lab(small)[..., 0], (0, 0), 0.8)
+    small = _lab(cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA))
+    lightness, *hues = cv2.split(cv2.GaussianBlur(small, (0, 0), 1.0))
+    fine = np.asarray(cv2.GaussianBlur(small[..., 0], (0, 0), 0.8), dtype=np.float32)
     layers = [LIGHTNESS * lightness, *hues, *(_roughness(fine, window) for window in WINDOWS)]
     features = np.stack(layers, axis=-1, dtype=np.float32).reshape(-1, len(layers))
     some = np.random.default_rng(0).choice(features, min(SAMPLED, len(features)), replace=False)
@@ -73,18 +74,18 @@ def classes_of(picture: Image) -> PictureClasses:
     return PictureClasses(label.reshape(small.shape[:2]).astype(np.uint8), zoom)
 
 
-def divergence(one: Array, other: Array) -> Array:
-    """Jensen-Shannon divergence [bit] of class shares along the last axis: 0 for equal ones, 1 if no class is shared."""
-    return _entropy((one + other) / 2) - (_entropy(one) + _entropy(other)) / 2
-
-
-def _entropy(share: Array) -> Array:
+def divergences(shares: Mapping[str, Array], pairs: Sequence[tuple[str, str]]) -> list[Array]:
+    """Jensen-Shannon divergences [bit] of pairs of regions: 0 for equal shares, 1 if no class is in both."""
     from scipy.special import entr
 
-    return np.asarray(entr(share).sum(axis=-1) / np.log(2))
+    bits = {name: entr(share).sum(axis=-1) for name, share in shares.items()}
+    mixed = [entr((shares[one] + shares[other]) / 2).sum(axis=-1) for one, other in pairs]
+    return [
+        (mixed - (bits[one] + bits[other]) / 2) / np.log(2) for mixed, (one, other) in zip(mixed, pairs, strict=True)
+    ]
 
 
-def _lab(picture: npt.NDArray[np.integer]) -> npt.NDArray[np.float32]:
+def _lab(picture: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     return np.asarray(cv2.cvtColor(picture.astype(np.float32) / 255, cv2.COLOR_BGR2LAB), dtype=np.float32)
 
 

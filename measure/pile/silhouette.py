@@ -89,7 +89,7 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     if disc is not None:
         view = span = _view_of_disc(disc)
         stated = None if beads_across is None else view.radius / beads_across
-        circles = _beads(_above(grey, disc), stated)
+        circles = _beads(_around(grey, disc), stated)
         if circles is None:
             return None
         beads, bead_seen = circles
@@ -110,11 +110,11 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     return found if _looks_like_a_heap(found) else None
 
 
-def _above(grey: GreyImage, disc: Disc) -> GreyImage:
-    """The part of a picture that a heap on a disc may fill."""
+def _around(grey: GreyImage, disc: Disc) -> GreyImage:
+    """The part of a picture that a heap on a disc may fill, and as much background as its edges are judged by."""
     (x, y), half = disc.centre, disc.half_width
-    rows = slice(max(round(y - half), 0), max(round(y + disc.bulge), 1))
-    return np.ascontiguousarray(grey[rows, max(round(x - half), 0) : max(round(x + half), 1)])
+    rows = slice(max(round(y - 1.2 * half), 0), max(round(y + disc.bulge + 0.4 * half), 1))
+    return np.ascontiguousarray(grey[rows, max(round(x - 1.6 * half), 0) : max(round(x + 1.6 * half), 1)])
 
 
 def _heap_on(

@@ -594,12 +594,6 @@ def test_a_view_from_high_above_makes_every_quantity_doubtful(tmp_path: Path) ->
     assert all("looks down" in one.doubtful for one in result.quantities)
 
 
-def test_beads_that_do_not_fit_the_stated_base_make_every_number_doubtful(tmp_path: Path) -> None:
-    scene = Scene(seed=8)
-    result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=1.5 * scene.base * BEAD, bead_diameter=BEAD)
-    assert all(one.doubtful for one in result.quantities)
-
-
 @pytest.mark.parametrize("factor", [0.75, 1.33])
 def test_a_wrong_base_makes_heights_doubtful_where_the_bead_is_stated(tmp_path: Path, factor: float) -> None:
     scene = Scene(seed=8)
