@@ -131,8 +131,7 @@ def observe_photo(
         "camera_roll_deg": math.degrees(found.view.roll),
         "looking_down_deg": found.view.looking_down,
         "base_found": found.disc is not None,
-        "base_stated": found.stated is not None,
-    }
+    } | camera.stated_view
 
     def draw(out: Path) -> dict[str, Path]:
         from rigtwin.measure.pile.figures import write_pictures
