@@ -94,7 +94,7 @@ def flank(x: Floats, height: Floats, side: int) -> float:
 def heap(rng: np.random.Generator) -> Rig:
     """Heap on a raised round disc."""
     scene = Scene(rng, width=2 / rng.uniform(0.4, 0.92))
-    slope = np.tan(np.radians(rng.uniform(13, 36)))
+    slope = np.tan(np.radians(rng.uniform(18, 38)))
     reach = rng.uniform(0.93, 1.02) if rng.random() < 0.7 else rng.uniform(0.7, 0.93)
     across = np.exp(rng.uniform(np.log(12), np.log(40)))
     grain = max(2 / across, (slope * reach**3 * 1.05 / MOST) ** (1 / 3))
