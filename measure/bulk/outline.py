@@ -24,7 +24,6 @@ from rigtwin.measure.bulk.beads import (
 )
 from rigtwin.measure.geometry.lines import fullest_run
 
-DOUBTFUL_SUPPORT = 0.6  # share of rim and walls on edges below which another thing may have been found
 COVERED = 0.8  # minimum share of the area under the outline that circles cover
 
 
@@ -44,10 +43,6 @@ class Disc:
     def sigma(self) -> float:
         """Standard uncertainty [px] of the rim's height; larger if less of the template lies on edges."""
         return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
-
-    @property
-    def doubtful(self) -> bool:
-        return self.support < DOUBTFUL_SUPPORT
 
 
 @dataclass(frozen=True)

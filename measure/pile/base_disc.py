@@ -25,7 +25,7 @@ from rigtwin.measure.robust import mad_std
 
 Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
 
-LEAST_SUPPORT = 0.45  # least share of lower rim and walls on edges
+LEAST_SUPPORT = 0.6  # least share of lower rim and walls on edges, else another thing may have been found
 WORSE = 0.05  # loss of support beyond which sub-pixel edges were those of something else
 LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
 LEAST_WIDTH = 0.24  # [picture widths] of a base

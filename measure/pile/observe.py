@@ -273,8 +273,6 @@ def _flaw_of_picture(found: Silhouette) -> str:
             f"the camera looks down by {down:.0f} degrees and sees no vertical section; photograph from less than "
             f"{STEEPEST_VIEW:.0f}"
         )
-    if found.disc is not None and found.disc.doubtful:
-        return "the edges of the base disc are unclear, so the base line may be wrong"
     apart = np.abs(found.looser - found.stricter)
     if float(np.nanmean(apart > found.bead_radius)) > UNSURE:
         return "more than a fifth of the outline depends on the threshold that separates beads from the background"

@@ -36,6 +36,8 @@ LEAST_MATTER, MOST_ALIKE = 0.6, 0.45  # mean likelihood of matter below and abov
 
 SIZE_RANGE = 2.0  # largest ratio of the apparent to the stated size of beads that is searched
 
+PART = 0.1  # least size of a group of circles against the largest group: gaps divide a thin heap
+
 COARSE = 900  # [px], width of the reduced picture that is searched for beads
 
 
@@ -97,7 +99,7 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     elif (circles := _beads(grey)) is not None:
         beads, bead_seen = circles
         rims, alike = edges(grey), likeness(image, beads, look_cells(image, beads.radius, textured=True))
-        beads = more_beads(rims, alike, beads)
+        beads = more_beads(rims, alike, beads, least_group=PART)
         view, radius = _view_of_feet(beads, roll), beads.radius
         across = (beads.centre - np.array(view.origin)) @ np.array([np.cos(view.roll), np.sin(view.roll)])
         span = replace(view, radius=float(np.abs(across).max()) + radius)
