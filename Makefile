@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-diagnose clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-unseen bench-diagnose clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -50,6 +50,13 @@ bench-measure: $(READY)
 bench-footage: $(READY)
 	$(BIN)/python benchmarks/measure/hard_footage.py $(if $(COUNT),--count $(COUNT))
 	$(BIN)/python benchmarks/measure/hard_bulk.py $(if $(COUNT),--count $(COUNT))
+
+# SEED=7 COUNT=100 make bench-unseen: photos of heaps and beds by a path tracer, a minute each; interrupted runs go on
+bench-unseen: $(READY)
+	UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --frozen --inexact --quiet --group unseen
+	$(BIN)/python benchmarks/unseen/render.py out/unseen/$(or $(SEED),1) --seed $(or $(SEED),1) --count $(or $(COUNT),40)
+	$(BIN)/python benchmarks/measure/unseen.py --media out/unseen/$(or $(SEED),1)
+	$(BIN)/python benchmarks/measure/unseen.py --media out/unseen/$(or $(SEED),1) --stated
 
 # SEED=7 COUNT=40 make bench-diagnose: other labs, fewer of them
 bench-diagnose: $(READY)

@@ -159,7 +159,7 @@ def measure_packing(
 
 @app.command("pile", epilog="Example: rigtwin measure pile front.jpg side.jpg --base-diameter 90mm --bead-diameter 6mm")
 @measured("pile")
-@filmed(*PHOTO)
+@filmed(*PHOTO, "base", "flank")
 @tracked
 def measure_pile(
     photos: Annotated[

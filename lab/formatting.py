@@ -175,6 +175,15 @@ def z_score(value: float | None) -> str:
     return f"{0.0 if abs(value) < 0.05 else value:+.1f}".replace("-", "−")
 
 
+def as_given(value: float | None) -> str:
+    """Origin of a dimension of a twin, for the record of its assumptions.
+
+    >>> as_given(0.25), as_given(None)
+    ('as given', 'not stated: assumed')
+    """
+    return "not stated: assumed" if value is None else "as given"
+
+
 def decimals(std_uncertainty: float) -> int:
     """Decimal places that show two digits of an uncertainty.
 

@@ -11,13 +11,14 @@ from rigtwin.lab.clumps import Clump
 from rigtwin.lab.errors import BadInput
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
-AIR = 1.2  # [kg/m^3]
+AIR_DENSITY = 1.2  # [kg/m^3], dry air of 20 degrees C at 1 atm (CRC Handbook: 1.204)
+AIR_VISCOSITY = 1.81e-5  # [Pa s], dynamic, the same air (CRC Handbook: 1.813e-5)
 PACKING = 0.6  # part of a poured bed's volume that is beads
 
 
 def no_bead_has(density: float) -> str:
     """What is odd about a density [kg/m^3] that no bead has; nothing where it is possible."""
-    if AIR < density <= HEAVIEST:
+    if AIR_DENSITY < density <= HEAVIEST:
         return ""
     than = "more than any metal" if density > HEAVIEST else "less than the air around it"
     return f"the bead would weigh {density:.3g} kg/m^3, {than}; check its unit and the bead's diameter."

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.drum_flow import FILL, fill_check
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.formatting import as_given
 from rigtwin.lab.materials import PACKING, Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check
@@ -122,7 +123,7 @@ def run(
     check(rig, particle, count=count)
     depth, part = _filled_in(rig)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
-    fill_from = _given(rig.fill) if count is None else "by the number of beads given"
+    fill_from = as_given(rig.fill) if count is None else "by the number of beads given"
     said = "fill" if count is None else "count"
     if count is None:
         volume = math.pi / 4 * rig.diameter**2 * depth
@@ -168,7 +169,7 @@ def run(
         },
         history=logbook.history,
         assumptions={
-            "depth": f"{depth * 1e3:.3g} mm ({_given(rig.depth)})",
+            "depth": f"{depth * 1e3:.3g} mm ({as_given(rig.depth)})",
             "fill": f"{count} beads, {_share(count, rig, depth, particle):.1%} of the volume at a packing of "
             f"{PACKING:g} ({fill_from})",
             "end_walls": "of the drum's material, turning with it",
@@ -235,10 +236,6 @@ def _filled_in(rig: Drum) -> tuple[float, float]:
     if not 0 < share < FULLEST:
         raise BadInput(f"fill: {share:g} of the drum must be above 0 and below {FULLEST:g}.")
     return depth, share
-
-
-def _given(value: float | None) -> str:
-    return "not stated: assumed" if value is None else "as given"
 
 
 def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.formatting import as_given
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
@@ -288,7 +289,7 @@ def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
     low = np.array([begins[0] - wide, -deep - margin, floor - margin])
     assumed = {"slot_length": (rig.slot_length, length), "width": (rig.width, width)}
     assumed["slide_drop"] = (rig.slide_drop, drop)
-    words = {name: f"{used * 1e3:.3g} mm ({_given(given)})" for name, (given, used) in assumed.items()}
+    words = {name: f"{used * 1e3:.3g} mm ({as_given(given)})" for name, (given, used) in assumed.items()}
     return _Plan(
         shapes=tuple(shapes),
         filled=(np.array([-wide, -deep, 0.0]), np.array([wide, deep, top])),
@@ -298,16 +299,12 @@ def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
         assumptions={
             **words,
             "inclination": f"{math.degrees(rig.inclination):.3g} degrees",
-            "slide_angle": f"{math.degrees(angle):.3g} degrees ({_given(rig.slide_angle)})",
+            "slide_angle": f"{math.degrees(angle):.3g} degrees ({as_given(rig.slide_angle)})",
             "floor": f"{-floor * 1e3:.3g} mm below the slot, at the slide's end, {width * 1e3:.3g} mm long",
         },
         outlet=rig.outlet,
         round=False,
     )
-
-
-def _given(value: float | None) -> str:
-    return "not stated: assumed" if value is None else "as given"
 
 
 # ---------------------------------------------------------------------- the run

@@ -16,6 +16,7 @@ from rigtwin.lab.arrays import Array, Image, Mask
 from rigtwin.measure.bulk.beads import Beads
 from rigtwin.measure.bulk.outline import Silhouette
 from rigtwin.measure.geometry.lines import at
+from rigtwin.measure.robust import mad_std
 
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
 NO_BEAD = 3.0  # [bead radii]; within this distance of a packing's surface lie four beads, at least one is detected
@@ -93,7 +94,7 @@ def _odd_background(found: Silhouette, image: Image, seen: Mask) -> Mask:
         # robust: start from the median, then a line, because light from one side gives a linear trend
         miss, kept, spread = np.abs(channel - np.median(channel[seen])), seen, 0.0
         for _ in range(6):
-            spread = max(1.4826 * float(np.median(miss[kept])), FAINTEST / ABRUPT)
+            spread = max(mad_std(miss[kept], centre=0.0), FAINTEST / ABRUPT)
             kept = seen & (miss < 2.5 * spread)
             if kept.sum() < FEWEST_KEPT * seen.sum():
                 return odd

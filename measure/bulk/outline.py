@@ -24,7 +24,6 @@ from rigtwin.measure.bulk.beads import (
 )
 from rigtwin.measure.geometry.lines import fullest_run
 
-DOUBTFUL_SUPPORT = 0.8  # share of the outline on edges below which another edge may have been found
 COVERED = 0.8  # minimum share of the area under the outline that circles cover
 
 
@@ -44,10 +43,6 @@ class Disc:
     def sigma(self) -> float:
         """Standard uncertainty [px] of the rim's height; larger if less of the template lies on edges."""
         return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
-
-    @property
-    def doubtful(self) -> bool:
-        return self.support < DOUBTFUL_SUPPORT
 
 
 @dataclass(frozen=True)
@@ -86,14 +81,16 @@ class Silhouette:
     disc: Disc | None
     zoom: float  # px of the measured picture per px of the photo
     cut_off: bool  # the outline touches the border of the picture
-    covered: float  # [1], share of the area under the outline that circles cover
+    covered: float  # [1], share of the area under the outline that looks like beads
     alike_behind: float  # [1], mean likeness to beads just above the outline
-    unexplained: float  # [1], share of the outline more than a bead radius above all circles
     bead_seen: float = float("nan")  # bead radius from the picture alone, independent of stated sizes
+    stated: float | None = None  # standard uncertainty of both ends of a base line that was stated
 
     @property
     def base_line_uncertainty(self) -> tuple[float, float]:
         """Standard uncertainties of the base line's height [px] and of its angle [rad]."""
+        if self.stated is not None:
+            return self.stated / math.sqrt(2), self.stated / (math.sqrt(2) * self.view.radius)
         height = self.disc.sigma if self.disc is not None else 0.5 * self.bead_radius
         return height, height / max(self.view.radius, 0.5 * float(np.ptp(self.x)))
 
@@ -153,12 +150,12 @@ def outline_of(
     evidence = np.clip(np.clip(evidence, -3, 3) - 1.2 * higher, -3, 3)
     if solid:
         evidence = np.where(_above_beads(columns, rows, u, h - 2.4 * beads.radius, beads.radius) == 0, 3.0, evidence)
-    borders = _edge_map(level)
+    borders = edge_map(level)
     readings = np.stack([evidence + shift for shift in (0.0, 0.8, -0.8)])
     usual, looser, stricter = (
-        _bead_shaped(border, beads.radius) for border in _cheapest_borders(readings, borders, 0.35 * beads.radius)
+        bead_shaped(border, beads.radius) for border in cheapest_borders(readings, borders, 0.35 * beads.radius)
     )
-    fine, clearness = _sub_pixel(borders, usual)
+    fine, clearness = sub_pixel(borders, usual)
     # the foot of a heap is as steep as the side of a bead: a flat tail belongs to an object behind it
     empty = usual >= len(rows) - 1 - 0.5 * beads.radius
     first, last = fullest_run(~empty, gap=int(2 * beads.radius) + 1) or (0, -1)
@@ -185,7 +182,6 @@ def outline_of(
         zoom=1.0,
         cut_off=bool(np.any(margin & heap)),
         covered=_covered(columns, rows, usual, heap, np.column_stack([u, h]), beads.radius),
-        unexplained=float(np.mean(higher[usual.astype(int), np.arange(len(columns))][heap] > 1.0)),
         alike_behind=float(np.mean(_just_above(colour, usual, beads.radius)[:, heap])),
     )
 
@@ -238,7 +234,7 @@ def _against_local_sky(level: Image, higher: Array, colour: Array, radius: float
     return np.clip(answer, -3, 3)
 
 
-def _edge_map(level: Image) -> Array:
+def edge_map(level: Image) -> Array:
     """Colour edge strength of each pixel, 0 to 1, shape (rows, columns)."""
     strength = np.zeros(level.shape[:2], dtype=np.float32)
     for channel in range(3):
@@ -246,7 +242,7 @@ def _edge_map(level: Image) -> Array:
     return np.asarray(np.clip(strength / max(float(np.percentile(strength, 95)), 1.0), 0, 1), dtype=np.float64)
 
 
-def _cheapest_borders(evidence: Array, borders: Array, edge_reward: float) -> Array:
+def cheapest_borders(evidence: Array, borders: Array, edge_reward: float) -> Array:
     """Row of the border in every column, shape (readings, columns): background above it, beads below.
 
     `evidence` has shape (readings, rows, columns). Dynamic programming over the columns. A step between neighbouring
@@ -279,7 +275,7 @@ def _cheapest_borders(evidence: Array, borders: Array, edge_reward: float) -> Ar
     return border
 
 
-def _bead_shaped(border: Array, radius: float) -> Array:
+def bead_shaped(border: Array, radius: float) -> Array:
     """Remove deep slits and high spikes narrower than a bead; rows count downwards."""
     from scipy.ndimage import grey_closing, grey_opening
 
@@ -289,7 +285,7 @@ def _bead_shaped(border: Array, radius: float) -> Array:
     return np.asarray(np.where(border - slits_filled > radius, slits_filled, border))
 
 
-def _sub_pixel(borders: Array, border: Array) -> tuple[Array, Array]:
+def sub_pixel(borders: Array, border: Array) -> tuple[Array, Array]:
     """The border moved to the centroid of the edge strength within two rows, and the maximum strength there."""
     rows, columns = borders.shape
     reach = np.arange(-2, 3)

@@ -25,6 +25,7 @@ from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.drop.fall_in_air import AirDrag, Fall, longest_contact, tables_of
 from rigtwin.measure.drop.sideways_motion import fit_sideways
+from rigtwin.measure.robust import mad_std
 
 # Standard deviations of the priors.
 PERSPECTIVE = 0.02  # relative change of scale over the drop height: camera 2.5 drop heights away, pitched by 3 degrees
@@ -362,7 +363,7 @@ def _fit(record: Heights, contacts: npt.NDArray[np.intp], drag: AirDrag, offset:
             spread[-4:-2] = np.maximum(spread[-4:-2], np.abs(parameters[-4:-2]))
         residual = record.height - model.curve(parameters, record.time)
         ratio = residual / sigma
-        scatter = 1.4826 * float(np.median(np.abs(ratio[used])))
+        scatter = mad_std(ratio[used], centre=0.0)
         sigma = np.maximum(sigma * max(scatter, 1e-3), finest)
         inside = used | outlier
         limit = (np.inf, 8.0, 5.0, 4.0, 4.0)[turn]

@@ -10,10 +10,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.materials import AIR_DENSITY, AIR_VISCOSITY
 from rigtwin.lab.rigs import GRAVITY
 
-AIR_DENSITY = 1.2  # [kg/m^3], 20 degrees C
-AIR_VISCOSITY = 1.81e-5  # [Pa s]
 DWELL = 1.2e-3  # [s], longest contact assumed for a bead of unknown size
 SOFTEST = 1e7  # [Pa], effective modulus of the softest pair of bead and plate considered: rubber
 USUAL_DENSITY = 1000.0  # [kg/m^3], assumed for a bead of unknown density

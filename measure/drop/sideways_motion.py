@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Mask
+from rigtwin.measure.robust import mad_std
 
 OUTLIER = 4.0  # robust standard deviations beyond which a point is an outlier
 
@@ -36,6 +37,6 @@ def fit_sideways(time: Array, across: Array, contacts: Array, apexes: Array) -> 
     for _ in range(3):
         solution, *_ = np.linalg.lstsq(design[kept], across[kept], rcond=None)
         off = across - design @ solution
-        kept = np.abs(off) < OUTLIER * 1.4826 * np.median(np.abs(off[kept])) + 1e-9
+        kept = np.abs(off) < OUTLIER * mad_std(off[kept], centre=0.0) + 1e-9
     sigma = np.sqrt(np.var(off[kept]) * np.linalg.pinv(design[kept].T @ design[kept])[0, 0])
     return SidewaysMotion(float(solution[0]), float(sigma), off, kept)

@@ -26,6 +26,7 @@ from rigtwin.measure.drum.rim import Rim, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of
 from rigtwin.measure.geometry.camera_roll import Upright, upright
 from rigtwin.measure.media.video import Video
+from rigtwin.measure.robust import mad_std
 from rigtwin.measure.scene.contrast_stretch import Exposure, exposure_of
 from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
@@ -222,7 +223,7 @@ def _blur_against_noise(frame: Image, picture: FloatImage) -> float:
     """Width [px] of the blur for frames so noisy that the motion of slow beads is lost; 0 if none is needed."""
     grey = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY).astype(np.float32)
     off = grey - picture
-    noise = 1.4826 * float(np.median(np.abs(off - np.median(off))))  # without the offset of a flickering lamp
+    noise = mad_std(off)  # without the offset of a flickering lamp
     return float(np.clip(noise / NOISY, 1.0, 2.0)) if noise > NOISY else 0.0
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
+from rigtwin.measure.robust import mad_std
 
 COARSE = 400  # [px], longer side of the reduced picture in which edges vote for the axis
 SPOKES = 240  # directions in which the edge of a circle is searched
@@ -204,7 +205,7 @@ def _circle_through(x: Array, y: Array) -> tuple[float, float, float, float] | N
         if squared <= 0:
             return None
         off = np.hypot(x - solution[0] / 2, y - solution[1] / 2) - math.sqrt(squared)
-        spread = 1.4826 * float(np.median(np.abs(off[keep] - np.median(off[keep])))) + 0.1
+        spread = mad_std(off[keep]) + 0.1
         before, keep = keep, np.abs(off) < 2.5 * spread
         if keep.sum() < 12:
             return None

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.measure.robust import mad_std
 
 
 def fit_circle(points: Array) -> tuple[Array, float]:
@@ -30,6 +31,6 @@ def fit_circle(points: Array) -> tuple[Array, float]:
     def miss(circle: Array) -> Array:
         return np.asarray(np.hypot(near[:, 0] - circle[0], near[:, 1] - circle[1]) - circle[2])
 
-    scatter = 1.4826 * float(np.median(np.abs(miss(np.array([a, b, size]))))) + 1e-9 * size
+    scatter = mad_std(miss(np.array([a, b, size])), centre=0.0) + 1e-9 * size
     circle = least_squares(miss, [a, b, size], loss="soft_l1", f_scale=2 * scatter, x_scale=size).x
     return middle + circle[:2], float(abs(circle[2]))

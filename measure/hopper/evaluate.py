@@ -11,6 +11,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series
+from rigtwin.measure.robust import mad_std
 
 STEADY = (0.2, 0.8)  # shares of what leaves between which the flow is steady
 
@@ -256,7 +257,7 @@ def _noise(share: Array) -> float:
     """Standard deviation of single values, from their second differences; 0 for a counted record."""
     bends = np.diff(share, 2)
     quiet = bends[-max(len(bends) // 5, 3) :]
-    return float(np.median(np.abs(quiet))) * 1.4826 / math.sqrt(6)
+    return mad_std(quiet, centre=0.0) / math.sqrt(6)
 
 
 def _step(time: Array) -> float:

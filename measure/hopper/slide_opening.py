@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from rigtwin.lab.arrays import Array, Image, Mask
+from rigtwin.measure.robust import mad_std
 
 STILL = 5  # frames at the beginning from which the noise is estimated
 ROWS = 0.4  # share of the rows that show the slide which must have lost it
@@ -112,7 +113,7 @@ def _first_changes(level: Array, empty: Array, masked: Mask) -> Array:
 
 def _smoothing(level: Array) -> int:
     """Number of columns to average, so that a slide of low contrast is visible in a noisy film."""
-    noise = 1.4826 * float(np.median(np.abs(np.diff(level[:STILL], axis=0)))) / math.sqrt(2)
+    noise = mad_std(np.diff(level[:STILL], axis=0), centre=0.0) / math.sqrt(2)
     return 2 * int(np.clip(round(noise / 3), 0, 4)) + 1
 
 

@@ -11,6 +11,7 @@ from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.pendulum.swing_fit import Outcome, SwingFit, frame_interval
 from rigtwin.measure.pendulum.swing_model import turning_points
+from rigtwin.measure.robust import mad_std
 from rigtwin.measure.scene.checks import bead_in_view, static_camera
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def residual_check(fit: SwingFit) -> Check:
         left = residual[swings]
         misses.append(left.ravel())
         steps.append(np.diff(left, axis=0).ravel() / math.sqrt(2))
-    off, noise = (1.4826 * float(np.median(np.abs(np.concatenate(each)))) for each in (misses, steps))
+    off, noise = (mad_std(np.concatenate(each), centre=0.0) for each in (misses, steps))
     ratio = off / max(noise, LEAST_NOISE * float(fit.swings["length_0"]))
     passed = ratio < MOST_MISFIT or off < LEAST_MISFIT * float(fit.swings["length_0"])
     message = f"residuals from the fitted swings are {ratio:.2f} times the frame-to-frame noise of the tracks"

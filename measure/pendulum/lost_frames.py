@@ -109,7 +109,7 @@ def _step(fit: SwingFit) -> _Step:
     end, frames = last[best], float(along[last[best]] / seen[best])
     after = left - frames * (ahead * (time >= since[end]) - ways @ taken[end])
     count = len(own[0])
-    together = correlation([after[:count].reshape(2, -1).T], [np.ones(count // 2, dtype=bool)])
+    together = correlation(after[:count].reshape(2, -1))
     return _Step(
         float(since[end]),
         frames,

@@ -8,7 +8,7 @@ and after it meet.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -20,8 +20,10 @@ from rigtwin.lab.quantity import root_sum_of_squares
 from rigtwin.lab.records import Track
 from rigtwin.measure.geometry.circle import fit_circle
 from rigtwin.measure.pendulum.swing_model import Swings, angles, positions, states_at_collision
+from rigtwin.measure.robust import autocorrelation_factor, mad_std
 
 SETTLED = 0.02  # relative change of the noise below which its iteration has converged
+MOST_LAGS = 25  # at which the autocorrelation of residuals is summed
 
 FEWEST_AFTER = 3  # minimum number of points after a collision for the speed of a bead
 
@@ -314,7 +316,7 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
                 "--region."
             )
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
-        spread = 1.4826 * float(np.median(np.abs(scaled)))
+        spread = mad_std(scaled, centre=0.0)
         noise = max(float(np.sqrt(np.mean(scaled[np.abs(scaled) < 6 * spread + 1e-12] ** 2))), 1e-7)
         outlier = [
             np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
@@ -425,7 +427,8 @@ def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: flo
     slopes = _slopes(swings, data)
     count = len(slopes) - len(PRIORS)
     # correlated residuals (background, lens, texture) carry less information than their number suggests
-    seen = slopes[:count].T @ slopes[:count] / correlation(residuals, data.used)
+    series = [values for residual, used in zip(residuals, data.used, strict=True) for values in residual[used].T]
+    seen = slopes[:count].T @ slopes[:count] / correlation(series)
     causes = {"tracking": seen}
     for row, name in enumerate(PRIORS):
         cause = _CAUSES[name]
@@ -490,21 +493,9 @@ def _drifts(time: Array, cuts: list[float]) -> Array:
     return columns
 
 
-def correlation(residuals: list[Array], used: Sequence[Mask]) -> float:
-    """Autocorrelation factor of residuals: 1 + 2 sum of the autocorrelation up to its first zero, at least 1."""
-    lengths = []
-    for residual, mask in zip(residuals, used, strict=True):
-        for series in residual[mask].T:
-            rest = series - np.mean(series)
-            total = float(rest @ rest)
-            together = 1.0
-            for lag in range(1, min(25, len(rest) // 3)):
-                rho = float(rest[lag:] @ rest[:-lag]) / total if total > 0 else 0.0
-                if rho <= 0:
-                    break
-                together += 2 * rho
-            lengths.append(together)
-    return max(float(np.mean(lengths)), 1.0)
+def correlation(series: Iterable[Array]) -> float:
+    """Mean autocorrelation factor of the residuals of several coordinates, each up to its first zero."""
+    return float(np.mean([autocorrelation_factor(each, min(MOST_LAGS, len(each) // 3)) for each in series]))
 
 
 def _end_of_last_swing(swings: Swings) -> float:

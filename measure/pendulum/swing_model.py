@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 
 STEP = 0.008  # [s], step of the Runge-Kutta integration: error below 3e-6 rad over a swing of a 100 mm pendulum
 
@@ -175,16 +176,7 @@ def _integrate(
     angles_, rates = np.empty((steps + 1, *angle.shape)), np.empty((steps + 1, *angle.shape))
     angles_[0], rates[0] = angle, rate
     for i in range(steps):
-        theta, omega = angles_[i], rates[i]
-        a1 = turn(theta, omega)
-        w2 = omega + h / 2 * a1
-        a2 = turn(theta + h / 2 * omega, w2)
-        w3 = omega + h / 2 * a2
-        a3 = turn(theta + h / 2 * w2, w3)
-        w4 = omega + h * a3
-        a4 = turn(theta + h * w3, w4)
-        angles_[i + 1] = theta + h / 6 * (omega + 2 * w2 + 2 * w3 + w4)
-        rates[i + 1] = omega + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        angles_[i + 1], rates[i + 1] = runge_kutta(turn, angles_[i], rates[i], h)
     at_time, speed_at_time = _between(angles_, rates, (time[:, None] - start) / np.where(h == 0, 1, h), h)
     return at_time, speed_at_time, angles_[-1], rates[-1]
 
@@ -195,10 +187,5 @@ def _between(angle: Array, rate: Array, place: Array, h: Array) -> tuple[Array, 
     s = np.clip(place - k, 0, 1)
     columns = np.arange(angle.shape[2])
     a0, a1, w0, w1 = (np.moveaxis(table[k + ahead, :, columns], 2, 0) for table in (angle, rate) for ahead in (0, 1))
-    value = (
-        (2 * s**3 - 3 * s**2 + 1) * a0
-        + (s**3 - 2 * s**2 + s) * h * w0
-        + (3 * s**2 - 2 * s**3) * a1
-        + (s**3 - s**2) * h * w1
-    )
-    return value, w0 + s * (w1 - w0)
+    step = a0, a1, h * w0, h * w1
+    return hermite(*step, s), hermite_slope(*step, s) / np.where(h == 0, 1, h)

@@ -1,55 +1,63 @@
 """Find the round base under a heap: ends of its rim, roll, and how steeply the camera looks down on it.
 
 The base is a disc seen from slightly above.  Its front rim is half an ellipse, its lower edge another half ellipse
-below, its sides are two vertical walls.  Bead colour lies above the rim, none on the face.  This template is fitted to
-the picture by differential evolution.
+below, its sides are two vertical walls.  The regions of this template, that is the core of the heap above the rim, the
+face below it, the background around both, differ in colour and texture, and its lines are edges.  It is fitted to the
+picture by differential evolution.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array
-from rigtwin.measure.bulk.beads import Beads, Edges, edges
+from rigtwin.lab.arrays import Array, GreyImage, Image
+from rigtwin.measure.bulk.beads import Edges, edges
 from rigtwin.measure.bulk.outline import Disc
+from rigtwin.measure.pile.picture_classes import PictureClasses, classes_of, divergences
+from rigtwin.measure.robust import mad_std
 
 Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
 
-LEAST_RIM = 0.5  # least share of the lower rim on edges
+LEAST_SUPPORT = 0.6  # least share of lower rim and walls on edges, else another thing may have been found
+WORSE = 0.05  # loss of support beyond which sub-pixel edges were those of something else
 LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
-ENOUGH_BEADS = 300  # beads used to estimate the share on one side of a line, to 3 %
-POPULATION, ISLANDERS = 160, 100  # candidates of the final search, and of each island
-ISLANDS = 4  # parts of the height in which the front rim may lie
-ISLAND_GENERATIONS, GENERATIONS = 25, 35
-SAMPLES = (20, 40)  # points along a rim, for the islands and for the final search
+LEAST_WIDTH = 0.24  # [picture widths] of a base
+ISLANDS, ISLANDERS, SURVIVORS = 5, 100, 40  # parts of the height with the front rim, candidates of each, later
+ISLAND_GENERATIONS, GENERATIONS = 35, 35
+SAMPLES = (20, 40)  # points along a rim, at first and for the final search
+POINTS = (32, 96)  # points in a region, likewise
 LEADERS = 12  # best candidates around which mutants are made
 CROSSED = 0.7  # crossover probability per number of a candidate
 ALIKE = 1e-3  # relative spread of the costs at which a search stops
-USUAL_WALL = 0.6  # usual share of a wall on edges
 RUNNING_ON = 0.5  # weight of edges that continue beyond the end of a wall
-HEAP = 3.0  # weight of bead colour directly above the rim
-FACE = 2.0  # weight against bead colour on the face
-PLAIN = 1.5  # weight against edges on the face
 MOST_ROLL = 0.1  # [rad], largest roll of camera or base if none is stated
 BASE_LEANS = 0.02  # [rad], largest tilt of the base beyond a stated roll
 THICK = 1.5  # cost of thickness, per half width: bases are plates
-EMPTY = 4.0  # cost of a base wider than the heap, per half width of the heap
+FLATTEST, STEEPEST = 0.25, 1.0  # slopes [1] that every heap exceeds, and that none reaches
 LIT = 4.0  # [grey level], least brightness of a lit top above the face
 SHADOW = 0.3  # of the largest darkening above the face: shadows on the face itself are fainter
 EDGE_ROWS = 8  # [half pixels], width of an edge blurred by the lens
-SEEN_LARGER = 1.15  # circles are found on the clearest edge of a shaded bead, a little inside its rim
-SIZE_TOLERANCE = 0.2  # tolerated error of the logarithm of the circles' radius
 FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
 FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the above
+
+
+# weights of the differences between regions of the template; below 0: they should be alike
+CONTRASTS = {
+    ("core", "sky"): 4.0,
+    ("core", "face"): 4.0,
+    ("core", "beside heap"): 2.0,
+    ("core", "foot"): -2.0,
+    ("face", "beside face"): 1.0,
+    ("face", "left end of face"): -0.6,
+    ("face", "right end of face"): -0.6,
+}
 
 
 @dataclass(frozen=True)
@@ -87,41 +95,36 @@ def nearness(half: Numbers, focal_length: float) -> Array:
     return np.asarray(np.minimum(half / focal_length, 0.5))
 
 
-def find_disc(
-    grey: npt.NDArray[np.uint8],
-    alike: npt.NDArray[np.float32],
-    beads: Beads,
-    *,
-    focal_length: float,
-    roll: float | None,
-    beads_across: float | None,
-) -> Disc | None:
-    """Find the disc under the beads; None if none is visible.
+def find_disc(image: Image, grey: GreyImage, *, focal_length: float, roll: float | None) -> Disc | None:
+    """Find the disc under a heap; None if none is visible.
 
-    `alike` is the bead likeness of every pixel, `focal_length` in px, `roll` [rad] the stated roll of the camera,
-    `beads_across` the disc's diameter in bead diameters where it is known.  A stated roll only widens the search, to
-    both sides, so that the fitted roll can be used to check it and its sign.
+    `image` is the picture in BGR order and `grey` its brightness, `focal_length` in px, `roll` [rad] the stated roll of
+    the camera.  A stated roll only widens the search, to both sides, so that the fitted roll can be used to check it
+    and its sign.
     """
-    pictures = [edges(grey, blur=2.5), edges(grey, blur=1.5)]
+    classes = classes_of(image)
     costs = [
-        _Cost(picture, alike, beads, focal_length, beads_across, samples)
-        for picture, samples in zip(pictures, SAMPLES, strict=True)
+        _Cost(edges(grey, blur=blur), classes, _sample_points(points), focal_length, samples)
+        for blur, points, samples in zip((2.5, 1.5), POINTS, SAMPLES, strict=True)
     ]
-    best = _candidate(_search(costs, _bounds(beads, roll)))
+    best = _candidate(_search(costs, _bounds(grey.shape, roll)))
     fine = edges(grey, blur=1.2)
-    candidate = _sharpened(grey, fine, best, focal_length)
-    template = _Template(*candidate[:, None, None])
-    lower, left, right, *_ = _support(fine, alike, template, beads.radius, focal_length, 160)[:, 0]
-    if lower < LEAST_RIM or (left + right) / 2 < LEAST_WALL:
+    candidates = np.array([_sharpened(grey, fine, best, focal_length), best])
+    lower, left, right, *_ = _support(fine, _Template(*candidates.T[..., None]), focal_length, 160)
+    supports, walls = (2 * lower + left + right) / 4, (left + right) / 2
+    at = int(supports[1] > supports[0] + WORSE)  # sub-pixel edges that were others' leave the template worse supported
+    candidate, support = candidates[at], float(supports[at])
+    if support < LEAST_SUPPORT or walls[at] < LEAST_WALL:
         return None
+    template = _Template(*candidate[:, None, None])
     _, _, half, turn, _, thickness = (float(value) for value in candidate)
     x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
     bulge, near = float(template.bulge(focal_length)[0, 0]), float(nearness(template.half, focal_length)[0, 0])
-    return Disc((x, y), half, turn, bulge * half, thickness * half, near, float((2 * lower + left + right) / 4))
+    return Disc((x, y), half, turn, bulge * half, thickness * half, near, support)
 
 
 def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
-    """Candidate with the least cost: one island per height range of the front rim, then a search on the finer picture.
+    """Candidate with the least cost: one island per height range of the front rim, then each on the finer picture.
 
     With a single population, strong edges above or below the disc would attract all candidates.
     """
@@ -129,10 +132,10 @@ def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
     parts = np.repeat(bounds[None], ISLANDS, axis=0)
     parts[:, 2] = np.column_stack([sills[:-1] - 0.2 * np.diff(sills), sills[1:]])
     islands, energies = _evolved(costs[0], parts, None, ISLAND_GENERATIONS)
-    best = np.argsort(energies, axis=1)[:, : POPULATION // ISLANDS]
-    start = np.take_along_axis(islands, best[..., None], axis=1).reshape(1, -1, len(bounds))
-    population, energies = _evolved(costs[1], bounds[None], start, GENERATIONS)
-    return np.asarray(population[0, np.argmin(energies)])
+    best = np.argsort(energies, axis=1)[:, :SURVIVORS]
+    population, energies = _evolved(costs[1], parts, np.take_along_axis(islands, best[..., None], axis=1), GENERATIONS)
+    island, place = np.unravel_index(np.argmin(energies), energies.shape)
+    return np.asarray(population[island, place])
 
 
 def _evolved(
@@ -192,7 +195,7 @@ def _candidate(place: Array) -> Array:
     )
 
 
-def _sharpened(grey: npt.NDArray[np.uint8], fine: Edges, candidate: Array, focal_length: float) -> Array:
+def _sharpened(grey: GreyImage, fine: Edges, candidate: Array, focal_length: float) -> Array:
     """Refine a candidate to sub-pixel edges: walls, then lower rim, then upper rim by the height of the face."""
     p = candidate.copy()
     for reach in (7.0, 5.0, 3.0):
@@ -247,12 +250,12 @@ def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
         w = np.sqrt(weight * usual)
         answer = np.asarray(np.linalg.lstsq(design * w[:, None], values * w, rcond=None)[0], dtype=np.float64)
         miss = np.abs(values - design @ answer)
-        scale = max(1.4826 * float(np.median(miss)), 0.1)
+        scale = max(mad_std(miss, centre=0.0), 0.1)
         usual = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-9))
     return answer
 
 
-def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: float) -> float:
+def _face_share(grey: GreyImage, template: _Template, focal_length: float) -> float:
     """Height of the plain face as a share of the template's, read along its whole front.
 
     The front row of beads partly hides the edge of the upper rim, and its shadow lies on the face.  If at least every
@@ -284,18 +287,21 @@ def _face_share(grey: npt.NDArray[np.uint8], template: _Template, focal_length: 
 
 def _usual(light: Array) -> float:
     """Upper limit of the grey levels of a face's columns outside lamp reflections."""
-    middle = float(np.median(light))
-    return middle + 3 * 1.4826 * float(np.median(np.abs(light - middle)))
+    return float(np.median(light)) + 3 * mad_std(light)
 
 
 def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) -> float | None:
-    """Row at which a departure from the plain rows first reaches half of its height; None if it never departs."""
+    """Row at which a departure from the plain rows first rises by half an edge; None if it nowhere does.
+
+    An edge rises within `EDGE_ROWS`; light that falls off along the face changes more slowly.
+    """
     first, usual = int(np.sum(plain)), float(np.std(departure[plain]))
-    (clear,) = np.nonzero(departure[first:] > max(least, 4 * usual, 2.0))
+    earlier = np.concatenate([np.full(EDGE_ROWS, departure[0]), departure[:-EDGE_ROWS]])
+    (clear,) = np.nonzero((departure - earlier)[first:] > max(least, 4 * usual, 2.0))
     if len(clear) == 0:
         return None
     start = first + int(clear[0])
-    level = float(departure[start : start + EDGE_ROWS].max()) / 2
+    level = (float(departure[start : start + EDGE_ROWS].max()) + float(earlier[start])) / 2
     row = start
     while row > first and departure[row - 1] >= level:
         row -= 1
@@ -306,85 +312,103 @@ def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) ->
     return row - min((float(departure[row]) - level) / max(float(departure[row]) - before, 1e-9), 1.0)
 
 
-def _bounds(beads: Beads, roll: float | None) -> Array:
-    low, high, reach, foot = _reach(beads)
+def _bounds(shape: tuple[int, ...], roll: float | None) -> Array:
+    height, width = shape[:2]
     turn = max(MOST_ROLL, abs(roll or 0.0) + BASE_LEANS)
     return np.array(
         [
-            (low - 0.6 * reach, low + 0.15 * reach),
-            (high - 0.15 * reach, high + 0.6 * reach),
-            (foot - 0.1 * reach, foot + 0.45 * reach),
+            (-0.05 * width, 0.7 * width),
+            (0.3 * width, 1.05 * width),
+            (0.2 * height, height),
             (-turn, turn),
             (0.0, 0.4),  # camera looking down by up to 20 degrees
-            (0.02, 0.5),
+            (0.02, 0.4),
         ]
     )
 
 
-def _reach(beads: Beads) -> tuple[float, float, float, float]:
-    """Left and right end of the heap, half its width, and its foot, all in px.
+@dataclass(frozen=True)
+class _SamplePoints:
+    """Points of a region of the template."""
 
-    Percentiles are used because a few circles beside the heap may be false detections.
-    """
-    left, right = np.percentile(beads.centre[:, 0], (1, 99)) + np.array([-beads.radius, beads.radius])
-    return left, right, (right - left) / 2, float(np.percentile(beads.centre[:, 1], 95)) + beads.radius
+    along: Numbers  # in half widths from the axis
+    above: Numbers  # [half widths] above the front rim; of faces, share of the way down to the lower rim
+
+
+def _sample_points(count: int) -> dict[str, _SamplePoints]:
+    """Evenly distributed points of the regions of the template, `count` of each."""
+    from scipy.stats import qmc
+
+    grid = qmc.Halton(2, scramble=False).random(16 * count)
+
+    def spread(along: tuple[float, float], above: tuple[float, float]) -> tuple[Array, Array]:
+        """Points to both sides, their distance from the axis and their height between the given limits."""
+        outer = 2 * grid[:, 0] - 1
+        distance = along[0] + (along[1] - along[0]) * np.abs(outer)
+        return np.sign(outer) * distance, above[0] + (above[1] - above[0]) * grid[:, 1]
+
+    def one_side(left: float, right: float) -> tuple[Array, Array]:
+        return left + (right - left) * grid[:, 0], 0.1 + 0.8 * grid[:, 1]
+
+    def first(points: tuple[Array, Array], kept: npt.NDArray[np.bool_] | None = None) -> _SamplePoints:
+        along, above = (part if kept is None else part[kept] for part in points)
+        return _SamplePoints(along[:count].astype(np.float32), above[:count].astype(np.float32))
+
+    core, sky = spread((0.0, 0.8), (0.02, 0.22)), spread((0.0, 1.5), (0.02, 0.9))
+    return {
+        "core": first(core, core[1] < 0.02 + FLATTEST * (0.85 - np.abs(core[0]))),
+        "foot": first(spread((0.6, 0.88), (0.01, 0.06))),
+        "sky": first(sky, sky[1] > STEEPEST * (1.15 - np.abs(sky[0]))),
+        "beside heap": first(spread((1.06, 1.3), (0.0, 0.12))),
+        "beside face": first(spread((1.03, 1.2), (0.0, 1.0))),
+        "face": first(spread((0.0, 0.92), (0.1, 0.9))),
+        "left end of face": first(one_side(-0.985, -0.88)),
+        "right end of face": first(one_side(0.88, 0.985)),
+    }
 
 
 @dataclass(frozen=True)
 class _Cost:
-    """Cost of candidates: edges on the outline, beads above the rim and none below or beside it, a plain face.
+    """Cost of candidates: edges on their lines; regions of the template that should differ in looks, or be alike.
 
-    The lower rim has the largest weight: it is the longest edge, and nothing stands in front of it.
+    The lower rim has the largest weight among the edges: it is the longest, and nothing stands in front of it.  The
+    weights were set on photos of ray-traced heaps of two renderers.
     """
 
     picture: Edges
-    alike: npt.NDArray[np.float32]
-    beads: Beads
+    classes: PictureClasses
+    points: dict[str, _SamplePoints]
     focal_length: float
-    beads_across: float | None
     samples: int  # points along a rim
-
-    @cached_property
-    def heap_reach(self) -> float:
-        """Half the heap's width [px]."""
-        return _reach(self.beads)[2]
-
-    @cached_property
-    def some_centres(self) -> Numbers:
-        """Subset of bead centres [px], large enough to estimate the share below the rim."""
-        return self.beads.centre[:: math.ceil(len(self.beads.centre) / ENOUGH_BEADS)].astype(np.float32)
 
     def __call__(self, places: Array) -> Array:
         """Cost of places, shape (6, n), in the numbers of `_candidate`."""
         template = _Template(*_candidate(places).astype(np.float32)[..., None])
-        bead = self.beads.radius
-        lower, left, right, upper, face, uneven, heap, spilled = _support(
-            self.picture, self.alike, template, bead, self.focal_length, self.samples
-        )
-        x, y = self.some_centres[:, 0] - template.x, self.some_centres[:, 1] - template.y
-        along = (x * np.cos(template.roll) + y * np.sin(template.roll)) / template.half
-        down = (y * np.cos(template.roll) - x * np.sin(template.roll)) / template.half
-        arc = np.sqrt(np.clip(1 - along * along, 0, 1))
-        front = template.bulge(self.focal_length) * arc - template.thickness
-        below = np.mean(down > front - 0.3 * bead / template.half, axis=1)
-        # walls lower than a bead are weak evidence: the side of a bead may look like one
-        tall = np.minimum(template.thickness * template.half / bead, 1)[:, 0]
-        walls = 0.45 * (tall * (left + right + np.minimum(left, right)) + (1 - tall) * 3 * USUAL_WALL)
-        score = 2.5 * lower + walls + upper + HEAP * heap - FACE * face - PLAIN * uneven - spilled - 2 * below
+        lower, left, right, upper, uneven = _support(self.picture, template, self.focal_length, self.samples)
+        apart = divergences(self._shares(template), list(CONTRASTS))
+        score = 2 * lower + 0.45 * (left + right + np.minimum(left, right)) + 0.5 * upper - uneven
+        score += sum(weight * bits for weight, bits in zip(CONTRASTS.values(), apart, strict=True))
         score -= THICK * template.thickness[:, 0]
-        score -= EMPTY * np.maximum(template.half[:, 0] / self.heap_reach - 1.15, 0)
-        if self.beads_across is not None:
-            size = np.log(template.half[:, 0] / bead / (self.beads_across * SEEN_LARGER))
-            score -= np.maximum(np.abs(size) - SIZE_TOLERANCE, 0) / SIZE_TOLERANCE
-        return np.asarray(-score)
+        narrow = LEAST_WIDTH * self.picture.x.shape[1] / (2 * np.maximum(template.half[:, 0], 1)) - 1
+        return np.asarray(-score + 10 * np.maximum(narrow, 0))
+
+    def _shares(self, template: _Template) -> dict[str, Array]:
+        """Shares of the picture's classes in every region, shape (n, classes)."""
+        bulge = template.bulge(self.focal_length)
+        x, y = [], []
+        for name, points in self.points.items():
+            arc = np.sqrt(np.maximum(1 - points.along * points.along, 0))
+            rim = bulge * arc - template.thickness
+            down = rim + points.above * (template.low * arc - rim) if "face" in name else rim - points.above
+            place = template.pixel(points.along[None, :], down)
+            x.append(place[0])
+            y.append(place[1])
+        sizes = {name: len(points.along) for name, points in self.points.items()}
+        return self.classes.shares(np.concatenate(x, axis=1), np.concatenate(y, axis=1), sizes)
 
 
-def _support(
-    picture: Edges, alike: npt.NDArray[np.float32], template: _Template, bead: float, focal_length: float, samples: int
-) -> Array:
-    """Shares, shape (8, n): edges on lower rim, both walls and upper rim; bead colour and edges on the face; bead
-    colour above and beside the foot of the heap.
-    """
+def _support(picture: Edges, template: _Template, focal_length: float, samples: int) -> Array:
+    """Shares on edges, shape (5, n): lower rim, both walls, upper rim, and lines across the face."""
     along = np.linspace(-0.97, 0.97, samples, dtype=np.float32)
     some = along[::2]  # for what is read in several rows
     bulge = template.bulge(focal_length)
@@ -396,10 +420,6 @@ def _support(
         return np.asarray(hang * u / np.sqrt(1 - u * u))
 
     upper, lower = rim(bulge, some) - template.thickness, rim(template.low, some)
-
-    def on_face(share: float) -> Numbers:
-        return np.asarray(upper + share * (lower - upper))
-
     on, beyond = (np.linspace(*ends, 8, dtype=np.float32) for ends in ((-0.9, -0.1), (0.15, 0.9)))
     walls = [(side * np.ones_like(part), template.thickness * part, None) for side in (-1, 1) for part in (on, beyond)]
     low, high, left, left_on, right, right_on, *uneven = _on_edges(
@@ -409,19 +429,7 @@ def _support(
             (along, rim(template.low, along), slope(template.low, along)),
             (along, rim(bulge, along) - template.thickness, slope(bulge, along)),
             *walls,
-            *((some, on_face(share), slope(template.low, some)) for share in (0.3, 0.5, 0.7)),
-        ],
-    )
-    inner = some[np.abs(some) < 0.75]  # a heap may end before the rim at the sides
-    beside = np.concatenate([np.linspace(*ends, 6, dtype=np.float32) for ends in ((-1.3, -1.07), (1.07, 1.3))])
-    above = [-share * bead / template.half - template.thickness for share in (0.5, 1.0, 1.5, 2.0)]
-    colour = _at(
-        alike,
-        template,
-        [
-            *((some, on_face(share)) for share in (0.15, 0.35, 0.6, 0.85)),
-            *((inner, rim(bulge, inner) + row) for row in above),
-            *((beside, row) for row in above),
+            *((some, upper + share * (lower - upper), slope(template.low, some)) for share in (0.3, 0.5, 0.7)),
         ],
     )
     return np.array(
@@ -430,11 +438,8 @@ def _support(
             left - RUNNING_ON * left_on,
             right - RUNNING_ON * right_on,
             high,
-            colour[:4].mean(axis=0),
             # the row with the fewest edges counts half: edges of the rims fill a very thin face
             (np.mean(uneven, axis=0) + np.min(uneven, axis=0)) / 2,
-            colour[4:8].mean(axis=0),
-            colour[8:].mean(axis=0),
         ]
     )
 
@@ -457,12 +462,6 @@ def _on_edges(picture: Edges, template: _Template, lines: Sequence[tuple[Numbers
             clear[:, part] = (falls * across[:, part] + down[:, part]) / np.sqrt(1 + falls * falls)
     np.minimum(np.abs(clear, out=clear), picture.strong, out=clear)
     return _means(clear, starts) / picture.strong
-
-
-def _at(layer: npt.NDArray[np.float32], template: _Template, lines: Sequence[tuple[Numbers, Numbers]]) -> Array:
-    """Mean of a picture along lines in template coordinates, shape (lines, n)."""
-    x, y, starts = _laid_out(template, lines)
-    return _means(cv2.remap(layer, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE), starts)
 
 
 def _means(values: npt.NDArray[Any], starts: Sequence[int]) -> Array:

@@ -70,10 +70,7 @@ def views_checks(quantities: Sequence[Quantity], line: str) -> list[Check]:
 def size_checks(
     found: Silhouette, scale: float | None, scale_from: str, bead_diameter: float | None, base_diameter: float | None
 ) -> tuple[tuple[Check, ...], str]:
-    """Check the apparent bead size against the stated one, or else a warning about the one size that sets the scale.
-
-    The bead size matters for angles, too, because the base is searched by its size in beads.
-    """
+    """Check the apparent bead size against the stated one, or else a warning about the one size that sets the scale."""
     if scale is None:
         return (), ""
     if bead_diameter is None or scale_from == "bead diameter":
@@ -88,19 +85,6 @@ def size_checks(
         )
     ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
     return (size_seen(ratio, MISFIT, scale_from),), ""
-
-
-def sizes_against_base(free: Silhouette | None, stated: float) -> str:
-    """Reason why no base was found, or ""; `free` is found without stated sizes, `stated` is the base in beads."""
-    if free is None or free.disc is None:
-        return ""
-    seen = free.view.radius / free.bead_seen * NEARER
-    if abs(seen / stated - 1) < MISFIT:
-        return ""
-    return (
-        f"the base in the picture is {seen:.1f} apparent bead diameters wide; by the stated sizes it would be "
-        f"{stated:.1f}, and no base of that width was found: check --bead-diameter and --base-diameter"
-    )
 
 
 def base_check(seen: float, scale_uncertainty: float, stated: float, scale_from: str) -> Check:

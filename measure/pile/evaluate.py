@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rigtwin.lab.camera import Flank
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.quantity import Check, Evaluation, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile
@@ -26,8 +27,6 @@ FLAWED = 3.0  # [deg], added to the uncertainty of an angle whose outline is unr
 
 GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # grains per cubed grain diameter, at the solid fraction 0.6 of a loose bed
 
-STEEPEST_FLANK = 60.0  # [deg]; cohesive matter may stand steeper, loose beads do not
-
 COVERED_BASE = 0.9  # share of a stated base that a heap must cover for a geometric angle over that base
 
 
@@ -43,6 +42,7 @@ class Observation:
     scale_uncertainty: float = 0.0  # relative standard uncertainty of the scale
     unconfirmed: str = ""  # warning about a stated size that nothing in the picture confirms
     notes: tuple[str, ...] = ()  # warnings about the photo's file
+    flank: Flank | None = None  # the flanks that are measured, where they are stated
 
 
 def evaluate(
@@ -117,8 +117,14 @@ def evaluate_views(
         warnings += [whose + reason for reason in reasons]
         if seen.unconfirmed and seen.unconfirmed not in warnings:
             warnings.append(seen.unconfirmed)
-        uneven = uneven_flanks(seen.profile, heap)
+        sides = repose_angles.free_flanks(heap, seen.flank)
+        uneven = uneven_flanks(seen.profile, heap) if len(sides) == 2 else ""
         warnings += [uneven] if uneven else []
+        if len(sides) == 1 and seen.flank is None:
+            warnings.append(
+                f"{whose}only the {sides[0]} flank is measured: the other is steeper than a loose heap, as against a "
+                "wall; give --flank both if it is a slope."
+            )
         checks += seen.checks
     if len(observations) > 1:
         agree = views_checks(quantities, LINE)
@@ -136,41 +142,46 @@ def evaluate_views(
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 
-def _angles(profile: Profile, base_diameter: float | None, grain: float | None) -> dict[tuple[str, str, str], float]:
-    """Every angle [deg] of a profile by (quantity, method, side)."""
+def _angles(
+    profile: Profile, base_diameter: float | None, grain: float | None, flanks: Sequence[str]
+) -> dict[tuple[str, str, str], float]:
+    """Every angle [deg] of a profile by (quantity, method, side); means only of two flanks."""
     heap = repose_angles.find_parts(profile, base_diameter, grain)
     if heap is None:
         return {}
     angles = {}
     for method, window in ((LINE, repose_angles.WINDOW), (NARROWER, (0.2, 0.8))):
-        lines = {side: repose_angles.flank_line(heap, side, window) for side in repose_angles.SIDES}
+        lines = {side: repose_angles.flank_line(heap, side, window) for side in flanks}
         sides = {side: line.angle for side, line in lines.items() if line is not None}
         if len(sides) == 2:
             sides["mean"] = (sides["left"] + sides["right"]) / 2
         angles.update({(GRAPHICAL, method, side): angle for side, angle in sides.items()})
-    for side in repose_angles.SIDES:
+    for side in flanks:
         angles[GEOMETRIC, "apex", side] = repose_angles.apex_angle(heap, side)
         steepest = repose_angles.steepest_third(heap, side)
         if steepest is not None:
             angles[GRAPHICAL, "steepest third", side] = steepest
-    angles[GEOMETRIC, "apex", "mean"] = repose_angles.apex_angle(heap)
-    angles[GEOMETRIC, "equal area", "mean"] = repose_angles.equal_area_angle(heap)
+    if len(flanks) == 2:
+        angles[GEOMETRIC, "apex", "mean"] = repose_angles.apex_angle(heap)
+        angles[GEOMETRIC, "equal area", "mean"] = repose_angles.equal_area_angle(heap)
     return angles
 
 
 def _quantities_of_view(
     seen: Observation, heap: repose_angles.Heap, base_diameter: float | None, grain: float | None
 ) -> list[Quantity]:
-    angles = _angles(seen.profile, base_diameter, grain)
+    sides = repose_angles.free_flanks(heap, seen.flank)
+    angles = _angles(seen.profile, base_diameter, grain, sides)
     varied = {
-        name: [_angles(profile, base_diameter, grain) for profile in pair] for name, pair in seen.variants.items()
+        name: [_angles(profile, base_diameter, grain, sides) for profile in pair]
+        for name, pair in seen.variants.items()
     }
-    flaw = seen.flaw or _flaw_of_profile(heap, angles)
+    flaw = seen.flaw or _flaw_of_profile(heap, angles, sides)
     limited = _base_limited(seen.profile, heap, base_diameter)
     bare = "" if limited else _bare_base(heap)
     grainy = {
         side: (repose_angles.roughness_uncertainty(heap, side), repose_angles.window_uncertainty(heap, side))
-        for side in repose_angles.SIDES
+        for side in sides
     }
     quantities = []
     for (name, method, side), angle in angles.items():
@@ -199,7 +210,7 @@ def _quantities_of_view(
     quantities.sort(key=lambda one: place.get((one.quantity, one.method), len(order)))
     leaning = failed(seen.checks, ("camera_roll",))  # a tilted base line adds to one side what it takes from the other
     quantities = [doubted(one, leaning if one.detail["side"] != "mean" else "") for one in quantities]
-    wrong_size = failed(seen.checks, ("base_diameter",))
+    wrong_size = failed(seen.checks, ("base_diameter", "bead_size"))
     return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw)]
 
 
@@ -240,13 +251,15 @@ def _summit_scatter(tangent: float) -> float:
     return depth * math.sqrt(math.gamma(5 / 3) - math.gamma(4 / 3) ** 2)
 
 
-def _flaw_of_profile(heap: repose_angles.Heap, angles: Mapping[tuple[str, str, str], float]) -> str:
-    missing = [side for side in repose_angles.SIDES if (GRAPHICAL, LINE, side) not in angles]
+def _flaw_of_profile(
+    heap: repose_angles.Heap, angles: Mapping[tuple[str, str, str], float], sides: Sequence[str]
+) -> str:
+    missing = [side for side in sides if (GRAPHICAL, LINE, side) not in angles]
     if missing:
         return f"the {missing[0]} flank is too short to fit a line"
-    for side in repose_angles.SIDES:
+    for side in sides:
         line = repose_angles.flank_line(heap, side)
-        if line is not None and line.angle > STEEPEST_FLANK:
+        if line is not None and line.angle > repose_angles.STEEPEST_FLANK:
             return (
                 f"the {side} flank has {line.angle:.0f} deg, steeper than a loose heap: something hides or adds to it"
             )

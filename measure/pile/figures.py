@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import Flank
 from rigtwin.lab.quantity import Evaluation, Quantity
 from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure import drawing
@@ -26,16 +27,17 @@ def write_pictures(
     base_diameter: float | None,
     scale: float | None,
     grain: float | None,
+    flank: Flank | None,
 ) -> dict[str, Path]:
     """Write overlay, plot and, where the scale is known, the profile as CSV; return the paths by kind."""
     still = folder / f"{stem}-overlay.png"
-    drawing.save_picture(still, _overlay(photo, found, profile, evaluation, scale or 1.0, grain))
+    drawing.save_picture(still, _overlay(photo, found, profile, evaluation, scale or 1.0, grain, flank))
     unit = "m" if scale is not None else "px"
     width = base_diameter if scale is not None else None
     files = {
         "overlay": still,
         "still": still,
-        "plot": write_plot(folder / f"{stem}-plot.svg", profile, width, grain, unit),
+        "plot": write_plot(folder / f"{stem}-plot.svg", profile, width, grain, unit, flank),
     }
     if scale is not None:
         files["record"] = folder / f"{stem}-profile.csv"
@@ -43,7 +45,14 @@ def write_pictures(
     return files
 
 
-def write_plot(path: Path, profile: Profile, base_diameter: float | None, grain: float | None, unit: str) -> Path:
+def write_plot(
+    path: Path,
+    profile: Profile,
+    base_diameter: float | None,
+    grain: float | None,
+    unit: str,
+    flank: Flank | None = None,
+) -> Path:
     """Plot the profile with base, apex, feet and flank lines, in mm (px where no scale is known)."""
     from matplotlib.figure import Figure
 
@@ -57,14 +66,15 @@ def write_plot(path: Path, profile: Profile, base_diameter: float | None, grain:
         axes.axhline(0, color="black", linewidth=0.8)
         axes.plot(heap.apex[0] * factor, heap.apex[1] * factor, "v", color="#d55e00", label="apex")
         axes.plot([foot * factor for foot in heap.feet], [0, 0], "|", color="#d55e00", markersize=12, label="feet")
-        for side, colour in zip(repose_angles.SIDES, ("#0072b2", "#009e73"), strict=True):
+        colours = {"left": "#0072b2", "right": "#009e73"}
+        for side in repose_angles.free_flanks(heap, flank):
             line = repose_angles.flank_line(heap, side)
             if line is not None:
                 ends = np.array([line.inner, line.outer])
                 axes.plot(
                     ends * factor,
                     _on_line(line, side, ends) * factor,
-                    color=colour,
+                    color=colours[side],
                     linewidth=2.5,
                     label=f"{side} {line.angle:.1f}°",
                 )
@@ -88,6 +98,7 @@ def _overlay(
     evaluation: Evaluation,
     unit: float,
     grain: float | None,
+    flank: Flank | None,
 ) -> Image:
     """The photo, reduced to screen size, with the measured lines drawn on it."""
     picture = photo.copy()
@@ -100,7 +111,7 @@ def _overlay(
     heap = repose_angles.find_parts(profile, None, grain)
     if heap is None:
         return picture
-    for side in repose_angles.SIDES:
+    for side in repose_angles.free_flanks(heap, flank):
         line = repose_angles.flank_line(heap, side)
         if line is not None:
             ends = np.array([line.inner, line.outer])

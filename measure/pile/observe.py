@@ -16,7 +16,6 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
-from rigtwin.lab.quantity import failed
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
@@ -30,11 +29,10 @@ from rigtwin.measure.pile.checks import (
     BASE_UNCERTAINTY,
     base_check,
     size_checks,
-    sizes_against_base,
     uneven_flanks,
 )
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
-from rigtwin.measure.pile.silhouette import find_heap, undo_view
+from rigtwin.measure.pile.silhouette import USUAL_DEPRESSION, find_heap, undo_view
 
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
@@ -55,7 +53,9 @@ BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
-DOUBTFUL_COVER = 0.83  # share of the heap covered by circles; below it the outline may belong to something else
+UNSURE = 0.2  # share of the outline that another threshold moves by more than a bead radius
+
+ALIKE_BEHIND, DOUBTFUL_COVER = 0.3, 0.75  # mean likelihood of matter above and below the outline
 
 
 def observe_table(
@@ -71,7 +71,7 @@ def observe_table(
     def draw(out: Path) -> dict[str, Path]:
         from rigtwin.measure.pile.figures import write_plot
 
-        return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m")}
+        return {"plot": write_plot(out / f"{name}-plot.svg", profile, base_diameter, None, "m", camera.flank)}
 
     view = {
         "scale_m_per_px": None,
@@ -80,7 +80,7 @@ def observe_table(
         **scale_used(read, camera),
         "table": read.understood.to_json(),
     }
-    return Observation(profile), view, draw
+    return Observation(profile, flank=camera.flank), view, draw
 
 
 def observe_photo(
@@ -90,35 +90,40 @@ def observe_photo(
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     look = partial(find_heap, image, roll=camera.roll, region=camera.region, focal_length=focal_length)
+    if camera.base is not None:
+        look = partial(look, base=camera.base, flank=camera.flank)
     found = look(beads_across=ratio)
     if found is None:
         raise NothingToMeasure(
             f"{photo}: no heap of beads with contrast to its background was found; "
-            "give a side view of the whole heap, or its place with --region x,y,width,height."
+            "give a side view of the whole heap, its place with --region x,y,width,height, "
+            "or the line it stands on with --base x1,y1,x2,y2."
         )
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
-    sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter, base_diameter)
-    contradicted = sizes_against_base(look(), ratio) if found.disc is None and ratio is not None else ""
-    misfit = failed(sizes)
-    if base_diameter is not None and scale is not None and found.disc is not None and scale_from != "base diameter":
+    sizes, unconfirmed = (
+        ((), "") if found.stated is not None else size_checks(found, scale, scale_from, bead_diameter, base_diameter)
+    )
+    if base_diameter is not None and scale is not None and found.view.radius > 0 and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
-        sizes = (*sizes, base_check(across, _scale_uncertainty(scale_from, camera), base_diameter, scale_from))
-    if camera.roll is not None and found.disc is not None:
+        sizes = (*sizes, base_check(across, _scale_uncertainty(found, scale_from, camera), base_diameter, scale_from))
+    if camera.roll is not None and found.view.radius > 0:
         seen_turn = found.view.roll, found.base_line_uncertainty[1]
         sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base line of the angles shows"))
     heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
-    hidden = _washed_out(found, image) if heap is not None and uneven_flanks(profile, heap) else ""
+    two_flanks = heap is not None and len(repose_angles.free_flanks(heap, camera.flank)) == 2
+    hidden = _washed_out(found, image) if heap is not None and two_flanks and uneven_flanks(profile, heap) else ""
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_UNCERTAINTY if focal_length is None else STATED_FOCAL_UNCERTAINTY),
-        contradicted or _flaw_of_picture(found) or misfit or hidden,
+        _flaw_of_picture(found) or hidden,
         2 * found.bead_radius * unit,
         sizes,
-        _scale_uncertainty(scale_from, camera),
+        _scale_uncertainty(found, scale_from, camera),
         unconfirmed,
         odd,
+        camera.flank,
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
@@ -126,13 +131,15 @@ def observe_photo(
         "camera_roll_deg": math.degrees(found.view.roll),
         "looking_down_deg": found.view.looking_down,
         "base_found": found.disc is not None,
-    }
+    } | camera.stated_view
 
     def draw(out: Path) -> dict[str, Path]:
         from rigtwin.measure.pile.figures import write_pictures
 
         evaluation = evaluate_views([seen], base_diameter if scale else None, bead_diameter if scale else None)
-        return write_pictures(out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain)
+        return write_pictures(
+            out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain, camera.flank
+        )
 
     return seen, view, draw
 
@@ -157,17 +164,25 @@ def _scale(
     """Scale [m/px] of the analysed picture in the plane of the base's axis, and its source."""
     if camera.given_scale is not None:
         return camera.given_scale / found.zoom, camera.scale_from
-    if base_diameter is not None and found.disc is not None:
+    if base_diameter is not None and found.view.radius > 0:
         return base_diameter / (2 * found.view.radius), "base diameter"
     if bead_diameter is not None:
         return bead_diameter / (2 * found.bead_radius), "bead diameter"
     return None, NO_SCALE
 
 
-def _scale_uncertainty(scale_from: str, camera: Camera) -> float:
+def _scale_uncertainty(found: Silhouette, scale_from: str, camera: Camera) -> float:
     """Relative standard uncertainty of the scale; 0 if there is no scale."""
+    if scale_from == "base diameter" and found.stated is not None:
+        return _ends_uncertainty(found) / found.view.radius
     by_sizes = {"base diameter": BASE_UNCERTAINTY, "bead diameter": BEAD_UNCERTAINTY, NO_SCALE: 0.0}
     return by_sizes.get(scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY))
+
+
+def _ends_uncertainty(found: Silhouette) -> float:
+    """Standard uncertainty of half the distance of the base's ends [px]."""
+    end = found.stated if found.stated is not None else found.disc.sigma if found.disc is not None else 0.0
+    return end / math.sqrt(2)
 
 
 def _profile(found: Silhouette, view: View, height: Array, unit: float, name: str) -> Profile:
@@ -202,6 +217,25 @@ def _variants(
             _other_distance(view, found.disc, stretch) for stretch in (factor, 1 / factor)
         )
         pairs["camera distance"] = (far, height + far_lift), (near, height + near_lift)
+    if view.radius > 0:
+        wider = _ends_uncertainty(found)
+        pairs["base ends"] = (
+            (replace(view, radius=view.radius + wider), height),
+            (replace(view, radius=view.radius - wider), height),
+        )
+    if found.stated is not None:
+        distance = view.camera_distance
+        if math.isfinite(distance):
+            lowest, highest = (distance * math.tan(math.radians(down)) for down in (0.0, 2 * USUAL_DEPRESSION))
+            pairs["camera height"] = (
+                (replace(view, camera_height=lowest), height),
+                (replace(view, camera_height=highest), height),
+            )
+            stretch = math.exp(focal_uncertainty)
+            pairs["camera distance"] = (
+                (replace(view, camera_distance=distance * stretch, camera_height=view.camera_height * stretch), height),
+                (replace(view, camera_distance=distance / stretch, camera_height=view.camera_height / stretch), height),
+            )
     return {
         part: (_profile(found, *first, unit, name), _profile(found, *second, unit, name))
         for part, (first, second) in pairs.items()
@@ -229,21 +263,19 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the outline touches the edge of the picture"
     if found.contrast < 0.3:
         return "the outline has hardly any contrast to the background"
-    if found.covered < DOUBTFUL_COVER or found.unexplained > 0.04:
-        return "beads were found in only part of the heap"
-    if found.disc is None:
+    if found.alike_behind > ALIKE_BEHIND or found.covered < DOUBTFUL_COVER:
+        return "the heap hardly differs from the background"
+    if found.view.radius == 0:
         return "the base disc was not found, so the base line is taken from the outermost beads"
-    if found.view.looking_down > STEEPEST_VIEW:
+    if found.disc is not None and found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down
         return (
             f"the camera looks down by {down:.0f} degrees and sees no vertical section; photograph from less than "
             f"{STEEPEST_VIEW:.0f}"
         )
-    if found.disc.doubtful:
-        return "the edges of the base disc are unclear, so the base line may be wrong"
     apart = np.abs(found.looser - found.stricter)
-    if float(np.nanmean(apart > found.bead_radius)) > 0.1:
-        return "more than a tenth of the outline depends on the threshold that separates beads from the background"
+    if float(np.nanmean(apart > found.bead_radius)) > UNSURE:
+        return "more than a fifth of the outline depends on the threshold that separates beads from the background"
     return ""
 
 

@@ -13,11 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.camera import Flank
 from rigtwin.lab.records import Profile
 
 WINDOW = (0.15, 0.85)  # shares of the heap's height between which a flank is fitted, without toe and tip
 OTHER_WINDOWS = ((0.2, 0.8), (0.1, 0.85), (0.15, 0.75), (0.25, 0.85), (0.1, 0.75), (0.25, 0.75))
 SIDES = ("left", "right")
+STEEPEST_FLANK = 60.0  # [deg]; cohesive matter may stand steeper, loose beads do not
 DRAWS = 200  # bootstrap samples
 
 
@@ -88,6 +90,25 @@ def flank_line(heap: Heap, side: str, window: tuple[float, float] = WINDOW) -> L
     angle = math.degrees(math.atan2(-direction[1] * outwards, direction[0]))
     ends = (float(x[-1]), float(x[0])) if side == "left" else (float(x[0]), float(x[-1]))
     return Line(angle, (float(middle[0]), float(middle[1])), *ends)
+
+
+def free_flanks(heap: Heap, flank: Flank | None = None) -> tuple[str, ...]:
+    """The flanks that are slopes of the heap: the stated one or both, else those that do not lean against a wall.
+
+    A flank that rises more steeply than loose beads stand leans against a wall if the other one does not.
+    """
+    if flank is not None:
+        return SIDES if flank == "both" else (flank,)
+    lines = {side: flank_line(heap, side) for side in SIDES}
+    free = tuple(side for side, line in lines.items() if line is not None and abs(line.angle) <= STEEPEST_FLANK)
+    return free if len(free) == 1 and _at_a_wall(heap, SIDES[1 - SIDES.index(free[0])]) else SIDES
+
+
+def _at_a_wall(heap: Heap, side: str) -> bool:
+    """Whether a flank falls from the upper half of the heap to its foot within a grain."""
+    foot = heap.feet[SIDES.index(side)]
+    high = heap.x[heap.height > 0.5 * heap.apex[1]]
+    return abs(foot - float(high[0 if side == "left" else -1])) < heap.grain
 
 
 def steepest_third(heap: Heap, side: str) -> float | None:

@@ -8,7 +8,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.arrays import Array, GreyImage, Image
+from rigtwin.lab.camera import STATED_SIGMA, Flank, Line
 from rigtwin.measure.bulk.beads import (
     Beads,
     edges,
@@ -18,13 +19,24 @@ from rigtwin.measure.bulk.beads import (
     more_beads,
     rim_radius,
 )
-from rigtwin.measure.bulk.outline import COVERED, Disc, Silhouette, View, outline_of
-from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc
+from rigtwin.measure.bulk.outline import Disc, Silhouette, View
+from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc, nearness
+from rigtwin.measure.pile.outline_above import outline_above
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 FINEST = 1000  # [px], width of the analysed picture; 1400 does not improve the angles of the sample heap
 
 TALLEST = 2.0  # ratio of height to width above which the height of the picture sets its size
+
+USUAL_DEPRESSION = 3.0  # [deg], of the line of sight where nothing shows it, and its standard uncertainty
+
+USUAL_BEADS = 25  # bead diameters across a base where neither sizes nor circles are known
+
+LEAST_MATTER, MOST_ALIKE = 0.6, 0.45  # mean likelihood of matter below and above the border of any heap
+
+SIZE_RANGE = 2.0  # largest ratio of the apparent to the stated size of beads that is searched
+
+PART = 0.1  # least size of a group of circles against the largest group: gaps divide a thin heap
 
 COARSE = 900  # [px], width of the reduced picture that is searched for beads
 
@@ -36,19 +48,27 @@ def find_heap(
     region: tuple[float, float, float, float] | None = None,
     beads_across: float | None = None,
     focal_length: float | None = None,
+    base: Line | None = None,
+    flank: Flank | None = None,
 ) -> Silhouette | None:
     """Find the outline of a heap of beads in a photo (BGR); None if there is no heap.
 
     `roll` [rad] and `region` [px] are those of the camera, `beads_across` is the base diameter in bead diameters,
-    `focal_length` [px] that of the lens where it is known.
+    `focal_length` [px] that of the lens where it is known.  `base` is the line that the heap stands on, where it is
+    stated [px], and `flank` the only flank, where there is one.
     """
     focal_length = focal_length or FOCAL_LENGTH * photo.shape[1]
+    left, top = (max(round(side), 0) for side in region[:2]) if region is not None else (0, 0)
     if region is not None:
-        left, top, width, height = (max(round(side), 0) for side in region)
-        part = photo[top : top + height, left : left + width]
-        found = _heap_in(part, roll, beads_across, focal_length) if part.size else None
-        return None if found is None else _moved(found, left, top)
-    return _heap_in(photo, roll, beads_across, focal_length)
+        photo = photo[top : top + round(region[3]), left : left + round(region[2])]
+        if not photo.size:
+            return None
+    if base is None:
+        found = _heap_in(photo, roll, beads_across, focal_length)
+    else:
+        (x1, y1), (x2, y2) = base
+        found = _heap_on(photo, ((x1 - left, y1 - top), (x2 - left, y2 - top)), beads_across, focal_length, flank)
+    return None if found is None else _moved(found, left, top)
 
 
 def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
@@ -67,24 +87,63 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     exposure = exposure_of(grey[::2, ::2])
     image, grey = exposure.applied(image), exposure.applied(grey)
-    circles = _beads(grey)
-    if circles is None:
+    disc = find_disc(image, grey, focal_length=focal_length * zoom, roll=roll)
+    if disc is not None:
+        view = span = _view_of_disc(disc)
+        stated = None if beads_across is None else view.radius / beads_across
+        circles = _beads(_around(grey, disc), stated)
+        if circles is None:
+            return None
+        beads, bead_seen = circles
+        radius = beads.radius if stated is None else stated
+    elif (circles := _beads(grey)) is not None:
+        beads, bead_seen = circles
+        rims, alike = edges(grey), likeness(image, beads, look_cells(image, beads.radius, textured=True))
+        beads = more_beads(rims, alike, beads, least_group=PART)
+        view, radius = _view_of_feet(beads, roll), beads.radius
+        across = (beads.centre - np.array(view.origin)) @ np.array([np.cos(view.roll), np.sin(view.roll)])
+        span = replace(view, radius=float(np.abs(across).max()) + radius)
+    else:
         return None
-    beads, bead_seen = circles
-    cells = look_cells(image, beads.radius, textured=True)
-    rims = edges(grey)
-    beads = more_beads(rims, likeness(image, beads, cells), beads)
-    alike = likeness(image, beads, cells)
-    disc = find_disc(grey, alike, beads, focal_length=focal_length * zoom, roll=roll, beads_across=beads_across)
-    view = _view_of_disc(disc) if disc is not None else _view_of_feet(beads, roll)
-    if disc is not None and beads_across is not None:
-        beads = more_beads(rims, alike, Beads(beads.centre, view.radius / beads_across))
-        alike = likeness(image, beads, look_cells(image, beads.radius, textured=True))
-    found = outline_of(image, alike, beads, view)
+    found = outline_above(image, span, radius)
     if found is None:
         return None
-    found = replace(found, disc=disc, zoom=zoom, bead_seen=bead_seen)
+    found = replace(found, view=view, disc=disc, zoom=zoom, bead_seen=bead_seen)
     return found if _looks_like_a_heap(found) else None
+
+
+def _around(grey: GreyImage, disc: Disc) -> GreyImage:
+    """The part of a picture that a heap on a disc may fill, and as much background as its edges are judged by."""
+    (x, y), half = disc.centre, disc.half_width
+    rows = slice(max(round(y - 1.2 * half), 0), max(round(y + disc.bulge + 0.4 * half), 1))
+    return np.ascontiguousarray(grey[rows, max(round(x - 1.6 * half), 0) : max(round(x + 1.6 * half), 1)])
+
+
+def _heap_on(
+    photo: Image, base: Line, beads_across: float | None, focal_length: float, flank: Flank | None
+) -> Silhouette | None:
+    """The heap on a stated base line."""
+    zoom = min(1.0, FINEST / _breadth(photo))
+    image = _shrunk(photo, zoom)
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    image = exposure_of(grey[::2, ::2]).applied(image)
+    (x1, y1), (x2, y2) = ((x * zoom, y * zoom) for x, y in base)
+    half = math.hypot(x2 - x1, y2 - y1) / 2
+    distance = half / float(nearness(np.array(half), focal_length * zoom))
+    if flank in ("left", "right"):  # a slope against a wall is no cone
+        distance = math.inf
+    down = math.tan(math.radians(USUAL_DEPRESSION))
+    view = View(
+        ((x1 + x2) / 2, (y1 + y2) / 2),
+        math.atan2(y2 - y1, x2 - x1),
+        half,
+        distance * down if math.isfinite(distance) else 0.0,
+        distance,
+    )
+    circles = _beads(grey) if beads_across is None else None
+    radius = half / beads_across if beads_across is not None else circles[0].radius if circles else half / USUAL_BEADS
+    found = outline_above(image, view, radius, flank)
+    return None if found is None else replace(found, zoom=zoom, stated=STATED_SIGMA * zoom)
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
@@ -122,11 +181,14 @@ def _shrunk(picture: Image, factor: float) -> Image:
     return np.asarray(cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
-def _beads(grey: Image) -> tuple[Beads, float] | None:
-    """Circles of the heap, and the radius [px] of their rims."""
+def _beads(grey: GreyImage, radius: float | None = None) -> tuple[Beads, float] | None:
+    """Circles of the heap, and the radius [px] of their rims; `radius` is that by the stated sizes."""
     shrink = min(1.0, COARSE / _breadth(grey))
     small = _shrunk(grey, shrink)
-    beads = find_beads(small, (0.0045 * small.shape[1], 0.05 * small.shape[1]))
+    smallest, largest = (0.0045 * small.shape[1], 0.05 * small.shape[1])
+    if radius is not None:
+        smallest, largest = radius * shrink / SIZE_RANGE, radius * shrink * SIZE_RANGE
+    beads = find_beads(small, (smallest, largest))
     if beads is None:
         return None
     return Beads(beads.centre / shrink, beads.radius / shrink), rim_radius(small, beads) / shrink
@@ -157,13 +219,9 @@ def _view_of_feet(beads: Beads, roll: float | None) -> View:
 
 
 def _looks_like_a_heap(found: Silhouette) -> bool:
-    """Whether beads fill the outline, the background differs, and the proportions are those of a heap.
-
-    Circles are found in many pictures; only in a heap do they cover the whole area within the outline.
-    """
+    """Whether the matter fills the outline, the background differs, and the proportions are those of a heap."""
     height, width = float(np.nanmax(found.height)), float(np.sum(np.isfinite(found.height)))
     bead = 2 * found.bead_radius
-    if height < 1.2 * bead or width < 5 * bead or height > 0.75 * width or found.alike_behind > 0.45:
+    if height < 1.2 * bead or width < 5 * bead or height > 0.75 * width:
         return False
-    on_disc = found.disc is not None and found.contrast > 0.5 and found.alike_behind < 0.3
-    return found.covered > (0.6 if on_disc else COVERED)
+    return found.covered > LEAST_MATTER and found.alike_behind < MOST_ALIKE

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Mask
-from rigtwin.measure.robust import middle_of
+from rigtwin.measure.robust import mad_std, middle_of
 from rigtwin.measure.scene.pose import FLICKER, LOST, NEAR, STEADY, Pose, View, rounded, worth_moving
 
 FAR = 0.12  # of the picture's longer side, largest accepted shake
@@ -230,7 +230,7 @@ class Scene:
         gain, offset = pose.gain, 0.0
         for _ in range(5):
             error = seen - gain * wanted - offset
-            spread = 1.4826 * float(np.median(np.abs(error - np.median(error)))) + 0.3
+            spread = mad_std(error) + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2
             middle = float(np.average(wanted, weights=weights))
             power = float(np.average((wanted - middle) ** 2, weights=weights))

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
+from rigtwin.measure.robust import mad_std
 from rigtwin.measure.tilt.plate_angle import Arm
 
 SATURATED = 225.0  # [grey levels], lower limit of the level that counts as saturated
@@ -141,8 +142,7 @@ def _uncovered(stack: npt.NDArray[np.float32], covered: npt.NDArray[np.bool_]) -
 
 
 def _grain(stack: npt.NDArray[np.float32]) -> float:
-    step = np.abs(np.diff(stack, axis=0))
-    return 1.4826 * float(np.median(step)) / math.sqrt(2) + 0.3
+    return mad_std(np.diff(stack, axis=0), centre=0.0) / math.sqrt(2) + 0.3
 
 
 def _gone(stack: npt.NDArray[np.float32], split: int, noise: float, surface: float) -> list[_Gone]:
@@ -296,7 +296,7 @@ def _laid(arm: Arm, body: RestingBody, frame: FloatImage, direction: float, plac
             normal = (columns * w[:, None]).T @ columns + 1e-9 * np.eye(4)
             answer = np.linalg.solve(normal, columns.T @ (w * values))
             miss = values - columns @ answer
-            spread = max(1.4826 * float(np.median(np.abs(miss))), 0.7)
+            spread = max(mad_std(miss, centre=0.0), 0.7)
             usual = 1 / (1 + (miss / (3 * spread)) ** 2) ** 2
         gain = answer[2] if abs(answer[2]) > 0.15 else 0.15
         # the frame shows the model moved by m: values = gain * (model - slope * m)

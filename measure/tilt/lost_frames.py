@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.ndimage import median_filter
 
 from rigtwin.lab.arrays import Array
+from rigtwin.measure.robust import mad_std
 
 AROUND = 7  # [frames], half width of the running median of the turn per frame
 FEW_AROUND = 4  # [frames], the same for the run of the body, which is shorter
@@ -49,7 +50,7 @@ def gaps_by_turn(times: Array, angle: Array) -> Gaps:
     turns = angle[even] - angle[even - 1]
     wide = np.lib.stride_tricks.sliding_window_view(np.pad(turns, AROUND, mode="edge"), 2 * AROUND + 1)
     usual = np.median(wide, axis=1)
-    noise = 1.4826 * float(np.median(np.abs(turns - usual)))
+    noise = mad_std(turns - usual, centre=0.0)
     clear = np.abs(usual) > SURE * noise
     too_far = np.where(clear, (turns - usual) / np.where(clear, usual, 1.0), 0.0)
     # at a doubled frame the turn is zero and then twice the usual one

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.measure.robust import autocorrelation_factor, mad_std
 
 Variant = Literal["slide", "roll"]
 
@@ -43,6 +44,7 @@ PARTS = 4  # number of parts of the angle's record for its uncertainty
 FLOOR = 1e-7  # [m], lower limit of the noise, below that of any film
 LEAST_UNCERTAINTY = 0.15  # lower limit of the relative uncertainty of the scale: a wrong scale must not shift the onset
 LEAST_RUN = 0.25  # minimum displacement of a run over `Way.drift`
+MOST_LAGS = 20  # at which the autocorrelation of residuals is summed
 WORSE = 1.5  # ratio of noise in the run to noise at rest beyond which they are treated separately
 FAR = 0.002  # added noise over displacement: tracking is worse when rotation and lighting have changed
 
@@ -162,7 +164,7 @@ def smoothing_uncertainty(time: Array, angle: Array, places: Array) -> float:
 def jitter(values: Array) -> float:
     """Noise from point to point from third differences, insensitive to smooth motion."""
     third = np.diff(values[np.isfinite(values)], n=3)
-    return 1.4826 * float(np.median(np.abs(third))) / math.sqrt(20) if len(third) else 0.0
+    return mad_std(third, centre=0.0) / math.sqrt(20) if len(third) else 0.0
 
 
 def _calm(values: Array) -> Array:
@@ -426,27 +428,16 @@ def _scatter(residual: Array, own: Array, far: Array) -> _Scatter:
     """Noise of points with an additional known noise `far` [m], by expectation maximisation."""
     if len(residual) < 2:
         return _Scatter(FLOOR, FLOOR, np.ones(len(residual), dtype=bool))
-    noise = max(1.4826 * float(np.median(np.abs(residual) / own)), FLOOR)
+    noise = max(mad_std(residual / own, centre=0.0), FLOOR)
     kept = np.abs(residual) < 4.5 * np.hypot(noise * own, far)
     for _ in range(20):
         share = (noise * own) ** 2 / ((noise * own) ** 2 + far**2)
         squares = ((share * residual) ** 2 + share * far**2) / own**2
         noise = max(math.sqrt(float(np.mean(squares[kept]))), FLOOR)
     scaled = residual / np.hypot(noise * own, far)
-    return _Scatter(noise, noise * math.sqrt(_repeat(scaled[kept])), kept)
-
-
-def _repeat(residual: Array) -> float:
-    """Autocorrelation factor of residuals: 1 + 2 sum of the autocorrelation until it is no longer significant."""
-    rest = residual - np.mean(residual)
-    total = float(rest @ rest)
-    together = 1.0
-    for lag in range(1, min(20, len(rest) // 4)):
-        rho = float(rest[lag:] @ rest[:-lag]) / total if total > 0 else 0.0
-        if rho <= 2 / math.sqrt(len(rest)):
-            break
-        together += 2 * rho
-    return together
+    # until the autocorrelation is no longer significant
+    together = autocorrelation_factor(scaled[kept], min(MOST_LAGS, int(np.count_nonzero(kept)) // 4), significance=2.0)
+    return _Scatter(noise, noise * math.sqrt(together), kept)
 
 
 def _summary(way: Way, table: _Table, found: _Candidates, noise: float, under_way: float) -> Onset:

@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 from rigtwin.measure.geometry.lines import fullest_run, gradient, straight
+from rigtwin.measure.robust import mad_std
 from rigtwin.measure.tilt.onset import LEAST_TURN
 
 STEEPEST = math.radians(65)  # largest slope of an arm
@@ -392,7 +393,7 @@ def _common_turn(
         answer = np.linalg.solve(normal, design.T @ (w * shift))
         miss = np.abs(shift - design @ answer)
         known = weight > 0
-        scale = max(1.4826 * float(np.median(miss[known])), 0.02)
+        scale = max(mad_std(miss[known], centre=0.0), 0.02)
         usual = 1 / (1 + (miss / (2.5 * scale)) ** 2) ** 2
     w = weight * usual
     inverse = np.linalg.inv(normal)

@@ -13,6 +13,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.formatting import as_given
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import Pile
@@ -65,10 +66,9 @@ class Pouring:
     def assumptions(self) -> dict[str, str]:
         rig = self.rig
         tube = "half the base: not stated" if rig.tube_diameter is None else "as given"
-        speed = "not stated: assumed" if rig.lift_speed is None else "as given"
         return {
             "tube_diameter": f"{self.tube_diameter * 1e3:.3g} mm ({tube})",
-            "lift_speed": f"{self.lift_speed * 1e3:.3g} mm/s ({speed}), at full speed at once",
+            "lift_speed": f"{self.lift_speed * 1e3:.3g} mm/s ({as_given(rig.lift_speed)}), at full speed at once",
             "tube": "of the base's material, without thickness",
             "filling": "placed on a loose lattice in the tube and let fall until it rested",
             "rim_height": f"{rig.rim_height * 1e3:.3g} mm" if rig.rim_height else "none: a flat disc",

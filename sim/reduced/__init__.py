@@ -4,5 +4,4 @@
 - swing.py: swings of a bob between turning points
 - swing_and_collide.py: one or two bobs with collisions
 - track.py: motion along a straight track until it stops
-- hermite.py: cubic Hermite interpolation
 """

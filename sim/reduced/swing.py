@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 
 STEPS = 30  # per half swing; numerical loss of amplitude 1e-8 per step; the path between two steps is a cubic
 LEAST_RATE = 1e-3  # [rad/s], above which dry friction acts fully
@@ -101,19 +102,6 @@ def _duration(theta: Array, rate: Array, omega: Array, side: Array) -> Array:
     return np.maximum((math.pi - phase) / omega * slow, 1e-3)
 
 
-def runge_kutta(change: Push, a: Array, w: Array, h: Array, time: Array | None = None) -> tuple[Array, Array]:
-    """Angle and rate after a step `h` [s]; `time` [s] is passed to a `change` that depends on it."""
-    begin, middle, end = ((),) * 3 if time is None else ((time,), (time + 0.5 * h,), (time + h,))
-    k1 = change(a, w, *begin)
-    w2 = w + 0.5 * h * k1
-    k2 = change(a + 0.5 * h * w, w2, *middle)
-    w3 = w + 0.5 * h * k2
-    k3 = change(a + 0.5 * h * w2, w3, *middle)
-    w4 = w + h * k3
-    k4 = change(a + h * w3, w4, *end)
-    return a + h / 6 * (w + 2 * w2 + 2 * w3 + w4), w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-
-
 def angle_at(swings: HalfSwings, since: Array, owner: Any) -> tuple[Array, Array]:
     """Angle [rad] and rate [rad/s] at times `since` the release [s] (settings, rows); at rest before it."""
     count, nodes, settings, repetitions = swings.angle.shape
@@ -137,6 +125,4 @@ def angle_at(swings: HalfSwings, since: Array, owner: Any) -> tuple[Array, Array
     angle, rate = swings.angle.reshape(-1), swings.rate.reshape(-1)
     a, b = angle[first], angle[first + size]
     da, db = rate[first] * length, rate[first + size] * length
-    value = a + s * (da + s * (3 * (b - a) - 2 * da - db + s * (2 * (a - b) + da + db)))
-    slope = (da + s * (2 * (3 * (b - a) - 2 * da - db) + 3 * s * (2 * (a - b) + da + db))) / length
-    return value, np.where(held, 0.0, slope)
+    return hermite(a, b, da, db, s), np.where(held, 0.0, hermite_slope(a, b, da, db, s) / length)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
-from rigtwin.sim.reduced.hermite import hermite
-from rigtwin.sim.reduced.swing import LEAST_RATE, Push, runge_kutta
+from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
+from rigtwin.sim.reduced.swing import LEAST_RATE, Push
 
 PER_PERIOD = 50  # steps per period
 MOST_EXTRA = 40  # additional steps, one per contact
@@ -141,7 +141,7 @@ def _first_zero(high: Array, low: Array, slope: Array, slope_end: Array) -> Arra
     left, right = np.zeros_like(high), np.ones_like(high)
     for _ in range(12):
         middle = 0.5 * (left + right)
-        value, _rate = hermite(high, low, slope, slope_end, middle)
+        value = hermite(high, low, slope, slope_end, middle)
         left, right = np.where(value > 0, middle, left), np.where(value > 0, right, middle)
     return 0.5 * (left + right)
 
@@ -167,7 +167,5 @@ def angles_at(motion: Encounter, since: Array, owner: Any, body: Any) -> tuple[A
     def of(pair: tuple[Array, Array]) -> Array:
         return np.asarray(np.where(body[None] == 0, pair[0].reshape(-1)[cell], pair[1].reshape(-1)[cell]))
 
-    value, slope = hermite(
-        of(motion.angle), of(motion.angle_end), of(motion.rate) * length, of(motion.rate_end) * length, s
-    )
-    return value, np.where(held, 0.0, slope / length)
+    step = of(motion.angle), of(motion.angle_end), of(motion.rate) * length, of(motion.rate_end) * length
+    return hermite(*step, s), np.where(held, 0.0, hermite_slope(*step, s) / length)

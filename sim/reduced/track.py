@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
-from rigtwin.sim.reduced.hermite import hermite
+from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 
 STEPS = 24
 LATE, LONGEST = 1.5, 8.0
@@ -18,7 +18,7 @@ MOST_ROUNDS = 12  # iterations for the time of the stop, each of which adds at m
 SLOW = 1e-3  # [m/s], below which the body counts as at rest at the start
 
 Pull = Callable[[Array, Array, Array], Array]
-"""Acceleration along the track [m/s^2] from time since the start [s], place [m] and speed [m/s]."""
+"""Acceleration along the track [m/s^2] from place [m], speed [m/s] and time since the start [s]."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Ride:
 def ride(place: Array, speed: Array, pull: Pull, until: Array, *, may_stop: bool = True) -> Ride:
     """Integrate from `place` [m] at `speed` [m/s] until `until` [s], or until the body stops."""
     zero = np.zeros_like(place)
-    slowing = np.maximum(-pull(zero, place, np.maximum(speed, 1e-4)), 1e-9)
+    slowing = np.maximum(-pull(place, np.maximum(speed, 1e-4), zero), 1e-9)
     # a body released from rest that accelerates does not stop
     slows = may_stop & (speed > SLOW) & (slowing > 1e-6)
     stops = np.where(slows & (speed / slowing < until), speed / slowing, np.inf)
@@ -56,31 +56,20 @@ def _ridden(place: Array, speed: Array, pull: Pull, h: Array, stopping: Any) -> 
     places, speeds = [place], [speed]
     t, s, v = np.zeros_like(place), place, speed
     for _ in range(STEPS - 1):
-        s, v = _step(pull, t, s, v, h)
+        s, v = runge_kutta(pull, s, v, h, t)
         t = t + h
         places.append(s)
         speeds.append(v)
     last = h
-    end_s, end_v = _step(pull, t, s, v, last)
+    end_s, end_v = runge_kutta(pull, s, v, last, t)
     for _ in range(4):  # Newton iteration to the stop
-        bend = pull(t + last, end_s, np.maximum(end_v, 1e-5))
+        bend = pull(end_s, np.maximum(end_v, 1e-5), t + last)
         correction = np.where(stopping & (bend < -1e-9), -end_v / np.where(bend == 0, 1.0, bend), 0.0)
         last = np.clip(last + correction, 0.05 * h, STEPS * h)
-        end_s, end_v = _step(pull, t, s, v, last)
+        end_s, end_v = runge_kutta(pull, s, v, last, t)
     places.append(end_s)
     speeds.append(np.where(stopping, 0.0, end_v))
     return places, speeds, last
-
-
-def _step(pull: Pull, t: Array, s: Array, v: Array, h: Array) -> tuple[Array, Array]:
-    k1 = pull(t, s, v)
-    v2 = v + 0.5 * h * k1
-    k2 = pull(t + 0.5 * h, s + 0.5 * h * v, v2)
-    v3 = v + 0.5 * h * k2
-    k3 = pull(t + 0.5 * h, s + 0.5 * h * v2, v3)
-    v4 = v + h * k3
-    k4 = pull(t + h, s + h * v3, v4)
-    return s + h / 6 * (v + 2 * v2 + 2 * v3 + v4), v + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
 def place_at(motion: Ride, since: Array, owner: Any) -> tuple[Array, Array]:
@@ -97,6 +86,6 @@ def place_at(motion: Ride, since: Array, owner: Any) -> tuple[Array, Array]:
     s = np.minimum((inside - k * h) / length, 1.0)
     place, speed = motion.place.reshape(-1), motion.speed.reshape(-1)
     first = k * size + base
-    value, slope = hermite(place[first], place[first + size], speed[first] * length, speed[first + size] * length, s)
+    step = place[first], place[first + size], speed[first] * length, speed[first + size] * length
     final = speed[(nodes - 1) * size + base]
-    return value + over * final, np.where(held, 0.0, slope / length)
+    return hermite(*step, s) + over * final, np.where(held, 0.0, hermite_slope(*step, s) / length)

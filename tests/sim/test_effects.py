@@ -54,7 +54,7 @@ def only(name: str, value: float | None = None):
 
 def reynolds_drag(speed: float) -> float:
     """Schiller and Naumann's drag on BALL in air [N], written with the drag coefficient."""
-    reynolds = 1.2 * speed * BALL.diameter / 1.8e-5
+    reynolds = 1.2 * speed * BALL.diameter / 1.81e-5
     # Newton's plateau beyond Re = 1000 (Clift, Grace & Weber 1978)
     coefficient = max(24 / reynolds * (1 + 0.15 * reynolds**0.687), 0.44)
     return 0.5 * 1.2 * coefficient * math.pi * BALL.radius**2 * speed**2

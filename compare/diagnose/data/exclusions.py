@@ -16,6 +16,7 @@ from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
+from rigtwin.measure.robust import mad_std
 
 SIDE = 5  # rows on either side of a row, in which a parabola is fitted
 FAR = 12.0  # typical extrapolation errors above which a row is an outlier
@@ -122,7 +123,7 @@ def _faults(track: Track, noise: float) -> tuple[Any, Any]:
         y = track.position[:, k]
         before, after = y - ahead[0][:, k], y - behind[0][:, k]
         # a track with other errors than white noise, such as uneven frames, sets its own scale
-        typical = max(1.4826 * float(np.nanmedian(np.abs(before))), 2.3 * noise)
+        typical = max(mad_std(before[np.isfinite(before)], centre=0.0), 2.3 * noise)
         far = (np.abs(before) > FAR * typical) & (np.abs(after) > FAR * typical)
         off |= far & (np.sign(before) == np.sign(after))
         # the paths before and after, each extrapolated by half a step to the middle between two rows

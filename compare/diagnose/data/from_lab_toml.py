@@ -24,12 +24,11 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
-from rigtwin.lab.rigs import DropSettings, PendulumSettings
+from rigtwin.lab.rigs import GRAVITY, DropSettings, PendulumSettings
 from rigtwin.lab.tracked.read import read_bodies
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.lab.tracked.upright import by_fall, by_swing
 
-GRAVITY = 9.81  # [m/s^2]
 OPEN_HEIGHT, OPEN_ANGLE = 0.05, math.radians(5.0)
 """[m], [rad]: standard uncertainty of a release height or angle that is not stated but estimated from the tracks."""
 GEOMETRY = {  # key under [uncertainty] -> name in a lab.json, and factor from SI to its unit there

@@ -27,6 +27,7 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track
+from rigtwin.lab.rigs import GRAVITY
 from rigtwin.lab.tracked.read import read_tracks
 
 LARGEST_BEAD = 0.5  # [m], largest accepted diameter; larger numbers are probably millimetres
@@ -78,7 +79,7 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     raw_conditions = document.get("conditions")
     if not isinstance(raw_conditions, list) or not raw_conditions:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
-    gravity = _number({"gravity_m_s2": 9.81, **document}, "gravity_m_s2", file)
+    gravity = _number({"gravity_m_s2": GRAVITY, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     geometry = document.get("rig_geometry", {})
     conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)

@@ -136,7 +136,7 @@ class RollBench(Runs):
 
         radii = self.radius + 0.5 * self.beads.of("diameter", values, self.bead)
 
-        def pull(time: Array, place: Array, speed: Array) -> Array:
+        def pull(place: Array, speed: Array, time: Array) -> Array:
             mu = friction
             extra = np.zeros_like(speed)
             for term, own in acting:

@@ -96,7 +96,7 @@ class SlideBench(Runs):
         plain = self._plain(values)[:seen]
         at_slip = self.clump * gravity * np.cos(slip)
 
-        def pull(time: Array, way: Array, speed: Array) -> Array:
+        def pull(way: Array, speed: Array, time: Array) -> Array:
             """Acceleration [m/s^2] down the arm."""
             angle = slip + rate * time
             pressing = gravity * np.cos(angle) - 2 * speed * rate - high * rate**2

@@ -84,10 +84,7 @@ def holm(p: Array) -> Array:
     """
     order = np.argsort(p)
     adjusted = np.empty(len(p))
-    largest = 0.0
-    for rank, index in enumerate(order):
-        largest = max(largest, min(1.0, (len(p) - rank) * float(p[index])))
-        adjusted[index] = largest
+    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
     return adjusted
 
 

@@ -12,9 +12,9 @@ Source: Newton 1687; Clift, Grace, Weber 1978, table 5.2 (C_D of a sphere 0.44 f
 
 from typing import Any
 
+from rigtwin.lab.materials import AIR_DENSITY
 from rigtwin.sim.effects.effect import Effect, Parameter
 
-AIR_DENSITY = 1.2  # [kg/m^3]
 DRAG_OF_A_SPHERE = 0.44  # in Newton's range
 
 

@@ -2,7 +2,7 @@
 
 Formula: F = 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta; C_D = 0.44 beyond Re = 1000
 
-eta = 1.8e-5 Pa s, rho = 1.2 kg/m^3; without a free coefficient for a smooth sphere.
+eta = 1.81e-5 Pa s, rho = 1.2 kg/m^3; without a free coefficient for a smooth sphere.
 
 Parameters:
 - `multiplier` [dimensionless], 0 to 5, typically 1: 1 for a smooth sphere
@@ -12,10 +12,9 @@ Source: Schiller & Naumann 1933; Clift, Grace & Weber 1978
 
 from typing import Any
 
+from rigtwin.lab.materials import AIR_DENSITY, AIR_VISCOSITY
 from rigtwin.sim.effects.effect import Effect, Parameter
 
-AIR_DENSITY = 1.2  # [kg/m^3]
-AIR_VISCOSITY = 1.8e-5  # [Pa s]
 NEWTON = 0.44  # drag coefficient at large Reynolds numbers
 
 

@@ -2,7 +2,7 @@
 
 Formula: C_D = 24 / Re (1 + 0.15 Re^0.681) + 0.407 / (1 + 8710 / Re), Re < 2e5
 
-F = C_D rho pi R^2 v^2 / 2 with Re = 2 R v rho / eta, rho = 1.2 kg/m^3, eta = 1.8e-5 Pa s.
+F = C_D rho pi R^2 v^2 / 2 with Re = 2 R v rho / eta, rho = 1.2 kg/m^3, eta = 1.81e-5 Pa s.
 
 Parameters:
 - `multiplier` [dimensionless], 0 to 5, typically 1: 1 for a smooth sphere
@@ -12,10 +12,8 @@ Source: Brown & Lawler 2003
 
 from typing import Any
 
+from rigtwin.lab.materials import AIR_DENSITY, AIR_VISCOSITY
 from rigtwin.sim.effects.effect import Effect, Parameter
-
-AIR_DENSITY = 1.2  # [kg/m^3]
-AIR_VISCOSITY = 1.8e-5  # [Pa s]
 
 
 def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, multiplier: Any) -> Any:

@@ -12,10 +12,9 @@ Source: Batchelor 1967, section 6.8
 
 from typing import Any
 
+from rigtwin.lab.materials import AIR_DENSITY
+from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.effects.effect import Effect, Parameter
-
-AIR_DENSITY = 1.2  # [kg/m^3]
-GRAVITY = 9.81  # [m/s^2]
 
 
 def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, multiplier: Any) -> Any:

@@ -2,7 +2,7 @@
 
 Formula: F = 6 pi eta R v
 
-eta = 1.8e-5 Pa s, R the radius, v the speed.
+eta = 1.81e-5 Pa s, R the radius, v the speed.
 
 Parameters:
 - `multiplier` [dimensionless], 0 to 500, typically 10: 1 for Re << 1
@@ -12,9 +12,8 @@ Source: Stokes 1851
 
 from typing import Any
 
+from rigtwin.lab.materials import AIR_VISCOSITY
 from rigtwin.sim.effects.effect import Effect, Parameter
-
-AIR_VISCOSITY = 1.8e-5  # [Pa s]
 
 
 def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, multiplier: Any) -> Any:

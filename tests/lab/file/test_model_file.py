@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.model_file import Model, read_model, write_model
-from rigtwin.lab.materials import AIR, HEAVIEST, Contact, KnownContact, Material, Particle, clumped, pair
+from rigtwin.lab.materials import AIR_DENSITY, HEAVIEST, Contact, KnownContact, Material, Particle, clumped, pair
 from rigtwin.lab.reference import hlosta2020
 
 POSITIVE = st.floats(1e-6, 1e12)
 DIAMETERS = st.floats(1e-6, 10)
-DENSITIES = st.none() | st.floats(AIR, HEAVIEST, exclude_min=True)
+DENSITIES = st.none() | st.floats(AIR_DENSITY, HEAVIEST, exclude_min=True)
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"], exclude_characters="-"), min_size=1)
 FRACTIONS = st.none() | st.floats(0.001, 1)
 
