@@ -138,10 +138,16 @@ def clicks(truth: JsonObject, kind: str, rng: np.random.Generator) -> dict[str, 
     if kind == "pile":
         option, ends = "base", np.array([*truth["base_left_px"], *truth["base_right_px"]])
     elif kind == "packing":
-        roll = math.radians(truth["camera_roll_deg"])
-        away = truth["cylinder_radius_m"] / truth["m_per_px_axis_plane"] * np.array([math.cos(roll), math.sin(roll)])
+        option = "cylinder"
+        if "wall_left_px" in truth:
+            away = (np.array(truth["wall_right_px"]) - np.array(truth["wall_left_px"])) / 2
+        else:
+            roll = math.radians(truth["camera_roll_deg"])
+            away = (
+                truth["cylinder_radius_m"] / truth["m_per_px_axis_plane"] * np.array([math.cos(roll), math.sin(roll)])
+            )
         axis = np.array(truth["floor_px_axis"])
-        option, ends = "cylinder", np.concatenate([axis - away, axis + away])
+        ends = np.concatenate([axis - away, axis + away])
     else:
         return {}
     return {option: ",".join(f"{value:.1f}" for value in ends + rng.normal(0.0, CLICK, 4))}
@@ -208,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--media", type=Path, required=True, help="folder of folders with given.json and truth.json")
     parser.add_argument("--only", nargs="*", default=[], help="beginnings of the folders' names")
-    parser.add_argument("--stated", action="store_true", help="state the base line of every heap, the walls of every bed")
+    parser.add_argument("--stated", action="store_true", help="state base lines and walls")
     parser.add_argument("--json", type=Path, help="write every number into this file")
     asked = parser.parse_args(arguments)
     folders = sorted(file.parent for file in asked.media.glob("*/truth.json") if (file.parent / "given.json").exists())

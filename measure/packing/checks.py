@@ -209,7 +209,7 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
             Check("gauge", same, ratio, 1.0, f"the gauge's millimetre is {ratio:.3f} times the cylinder's{ending}")
         )
     known = gauge_pitch(bed) if bed.gauge is not None else None if cylinder is None else cylinder / bed.width
-    if known is not None and source not in ("gauge", "cylinder diameter", "stated cylinder"):
+    if known is not None and source not in ("gauge", "cylinder diameter"):
         ratio = scale / known
         passed = abs(ratio - 1) < OTHER_PLANE
         by, other = "--cylinder-diameter", "--cylinder-diameter"

@@ -20,14 +20,13 @@ from rigtwin.measure.packing.graduations import Gauge, find_gauge
 from rigtwin.measure.packing.grain_region import CORE, Mask, Straight, grain_region, lower_ends, sides, straightened
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
-FINEST = 1000  # [px], longer side of the analysed picture; a bead's edge is read to 0.6 px, an eighth of its least radius
+FINEST = 1000  # [px], longer side of the analysed picture; a bead's edge is read to an eighth of its least radius
 NEXT_TO = 2.0  # [bead radii], from the region to the middle of a bead that lies on it
 WITHIN, BEYOND = 0.5, 1.2  # [bead radii], by which a wall may lie within and beyond the usual end of the grains
 OFF_CENTRE = 0.05  # standard uncertainty of the lens's axis in the picture, which may be cropped, over its longer side
 # [bead radii], scatter of the lower ends of the grains about the foot of the bed, and standard uncertainty of its level
 ENDS_SCATTER, ENDS_LEVEL = 0.2, 0.3
 FRONT, BESIDE = 0.4, 1.1  # shares of the radius, by which grains appear below the floor's middle and beside the walls
-USUAL_RATIO = 10.0  # cylinder over bead diameter where it is not stated
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
 ZERO_NEAR = 4.6  # [mm], zero to floor: less than half a centimetre, so that the longer marks identify the zero
@@ -122,7 +121,6 @@ class Bed:
     # roll from upright edges and its standard uncertainty [rad], where another roll is given
     roll_seen: tuple[float, float] | None = None
     stated: Stated = Stated()
-    few: bool = False  # whether too few circles were found: the region between the stated walls was taken for grains
 
     @property
     def floor(self) -> float:
@@ -182,10 +180,9 @@ def find_bed(
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     ratio = cylinder / bead if cylinder and bead else None
     beads = _beads(image, grey, region, stated, ratio)
+    count = 0 if beads is None else len(beads.centre)
     if beads is None or len(beads.centre) < FEWEST:
-        return (
-            f"{0 if beads is None else len(beads.centre)} touching circles of one size were found, {FEWEST} are needed"
-        )
+        return f"{count} touching circles of one size were found, {FEWEST} are needed"
     upright, roll_seen = _upright(grey, roll)
     odds, region_of_grains = grain_region(image, grey, beads)
     if not region_of_grains.any():
@@ -196,15 +193,11 @@ def find_bed(
     width, offset = right - left, (left + right) / 2
     radius = width / 2 / ratio if ratio else beads.radius
     chosen = _of_the_bed(image, beads, straight, region_of_grains, (left, right), radius)
-    few = chosen is None
     (column, middle), x = straight.centre, (straight.centre[0] + left, straight.centre[0] + right)
-    if chosen is None and stated.walls is not None:
-        grid = Beads(_grid(region_of_grains & stated.between(grey.shape, 1.0), radius), radius)
-        chosen = _of_the_bed(image, grid, straight, region_of_grains, (left, right), radius)
     if chosen is None:
         return f"fewer than {FEWEST} of {len(beads.centre)} circles lie between x = {x[0]:.0f} and {x[1]:.0f} px"
     kept, alike, clear, beyond = chosen
-    seen_radius = radius if few else rim_radius(grey, clear)
+    seen_radius = rim_radius(grey, clear)
     ends = lower_ends(straight, (left, right))
     expected = _expected_slope(image.shape, middle + float(np.median(ends[1])), upright)
     known = stated.down(straight, lean, offset)
@@ -225,7 +218,7 @@ def find_bed(
     covered = covered_columns(found, image, kept, alike, glare, np.abs(found.x) < INSIDE * width / 2)
     found = replace(found, height=np.where(covered, np.nan, found.height), zoom=zoom)
     gauge = None
-    if stated.walls is None and (cylinder is not None or bead is not None):
+    if cylinder is not None or bead is not None:
         pixel = width / (cylinder * 1e3) if cylinder else 2 * beads.radius / (bead or 1.0) / 1e3
         gauge = _gauge(grey, upright, (axis[0] - width / 2, axis[0] + width / 2), pixel, axis, horizontal)
     if gauge is not None and known is None:
@@ -253,7 +246,6 @@ def find_bed(
         _narrowing(straight, beads.radius) / width,
         roll_seen,
         stated,
-        few,
     )
     return _judged(bed, _cut_off(kept, alike))
 
@@ -346,19 +338,7 @@ def _beads(
             beads = Beads(beads.centre[near], beads.radius)
         if between is not None:
             beads = Beads(beads.centre[at(between.astype(np.float32), beads.centre) > 0], beads.radius)
-    if between is not None and (beads is None or len(beads.centre) < FEWEST):
-        radius = half / (ratio or USUAL_RATIO)
-        foot = between & (np.arange(grey.shape[0]) > stated.middle[1] - 0.5 * half)[:, None]
-        return Beads(_grid(foot, radius), radius)
     return beads
-
-
-def _grid(mask: Mask, radius: float) -> Array:
-    """Centres of touching circles that fill a mask, shape (n, 2)."""
-    side = max(radius, 1.0)
-    y, x = np.mgrid[side : mask.shape[0] - 1 : side, side : mask.shape[1] - 1 : side]
-    places = np.column_stack([x.ravel(), y.ravel()])
-    return places[at(mask.astype(np.float32), places) > 0]
 
 
 def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float] | None]:
@@ -445,8 +425,8 @@ def _narrowing(straight: Straight, radius: float) -> float:
 
     slants = []
     for sign, ends in zip((1, -1), sides(straight, radius), strict=True):
-        # the ends within a bead's width belong to one bead
-        each = np.linspace(0, len(ends) - 1, max(round(len(ends) / (2 * radius)), 3)).astype(int)
+        # a row of beads for every radius of height: neighbours lie in each other's gaps
+        each = np.linspace(0, len(ends) - 1, max(round(len(ends) / radius), 3)).astype(int)
         _, _, low, high = theilslopes(sign * ends[each], each / (len(ends) - 1))
         slants.append(min((low, high), key=abs) if low * high > 0 else 0.0)
     slant = min(slants, key=abs) if slants[0] * slants[1] > 0 else 0.0
@@ -499,7 +479,7 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | str:
     seen = np.abs(found.x) < INSIDE * bed.width / 2
     known = seen & np.isfinite(found.height)
     shown = float(np.sum(known) / np.sum(seen))
-    if shown < (LEAST_SHOWN if bed.stated.walls is None else 1e-9):
+    if shown < LEAST_SHOWN:
         return (
             f"the surface of the bed was found over {100 * shown:.0f} % of the cylinder's {bed.width:.0f} px, "
             f"{100 * LEAST_SHOWN:.0f} % are needed"
@@ -507,19 +487,18 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | str:
     apart = np.abs(found.looser[known] - found.stricter[known])
     uncertainty = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
     flaw = ""
+    by_zero = bed.gauge is not None and bed.stated.walls is None and bed.stated.floor is None
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if cut_off:
         flaw = "the bed reaches the lower edge of the picture, so the floor is not visible"
     elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
-    elif bed.gauge is not None and _goes_on(bed.gauge):
+    elif by_zero and bed.gauge is not None and _goes_on(bed.gauge):
         flaw = "the gauge's graduations continue below the supposed zero: the lower part of the bed is hidden"
-    elif bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:
+    elif by_zero and bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:
         flaw = "the gauge's graduations end above the supposed zero: they are hidden, or the gauge was misread"
-    elif bed.gauge is not None and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
+    elif by_zero and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
         flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
-    elif bed.few:
-        flaw = f"fewer than {FEWEST} round grains were found between the stated walls: the outline follows colour alone"
     elif shown < 0.9:
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"
     elif found.contrast < 0.25:

@@ -33,20 +33,21 @@ GAUGE_UNCERTAINTY = 0.002  # relative standard uncertainty of a scale from a gau
 def observe(
     photo: Path, image: Image, camera: Camera, cylinder: float | None, bead: float | None
 ) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
-    stated = Stated(camera.cylinder, camera.floor)
-    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=stated)
+    places = Stated(camera.cylinder, camera.floor)
+    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=places)
     if isinstance(bed, str):
         advice = "" if camera.cylinder is not None else "; state the walls with --cylinder x1,y1,x2,y2"
         raise NothingToMeasure(f"{photo}: no bed of beads: {bed}{advice}.")
     scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
-    if bed.gauge is not None and source == "gauge" and camera.floor is None:
+    stated = bed.stated.walls is not None or bed.stated.floor is not None
+    if bed.gauge is not None and source == "gauge" and not stated:
         height = bed.gauge.reading(bed.gauge_rows(x, above)) * 1e-3
         floor_uncertainty, floor_from = 0.15e-3, "gauge"
     else:
         height = above * scale
         floor_uncertainty = bed.floor_sigma * scale
-        floor_from = "stated" if camera.cylinder or camera.floor is not None else "lowest grains"
+        floor_from = "stated" if stated else "lowest grains"
     steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
     # a camera above or below the surface sees its far or near side above the middle
@@ -86,7 +87,7 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
     """Warning that the results depend on one stated size that nothing else in the picture confirms, or ""."""
     if bed.gauge is not None:
         return ""  # the gauge's graduations are a known length
-    if source in ("cylinder diameter", "stated cylinder") and bead is None:
+    if source == "cylinder diameter" and bead is None:
         what, advice = "bed height and, by its third power, bulk density depend", "--bead-diameter"
         given = f"--cylinder-diameter {(cylinder or 0) * 1e3:g} mm"
     elif source == "bead diameter":
@@ -101,19 +102,18 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
 def _scale(
     photo: Path, bed: Bed, camera: Camera, cylinder: float | None, bead: float | None
 ) -> tuple[float, float, str]:
-    """Scale [m/px] of the analysed picture in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
+    """Scale [m/px] in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
     if camera.given_scale is not None:
         return camera.given_scale / bed.silhouette.zoom, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
-    if wall is not None and camera.cylinder is not None:
-        return wall, math.hypot(WALL_UNCERTAINTY, math.sqrt(2) * bed.stated.sigma / bed.width), "stated cylinder"
-    uncertainty = WALL_UNCERTAINTY
+    seen = 0.0 if camera.cylinder is None else math.sqrt(2) * bed.stated.sigma / bed.width
+    uncertainty = math.hypot(WALL_UNCERTAINTY, seen)
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
         if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
             return pitch, GAUGE_UNCERTAINTY, "gauge"
         # rectangular distribution: the true scale lies anywhere between the two
-        uncertainty = math.hypot(WALL_UNCERTAINTY, (pitch / wall - 1) / math.sqrt(3))
+        uncertainty = math.hypot(uncertainty, (pitch / wall - 1) / math.sqrt(3))
     if wall is not None:
         return wall, uncertainty, "cylinder diameter"
     if bead is not None:
