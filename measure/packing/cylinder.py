@@ -172,7 +172,9 @@ def find_bed(
     `cylinder` (inner) and `bead` are diameters [m] where known, `stated` are walls and floor read off the photo.
     """
     zoom = min(1.0, FINEST / max(photo.shape[:2]))
-    image = np.asarray(cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)) if zoom < 1 else photo
+    image = photo
+    if zoom < 1:
+        image = np.asarray(cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     stated = (stated or Stated()).zoomed(zoom)
     region = None if region is None else (region[0] * zoom, region[1] * zoom, region[2] * zoom, region[3] * zoom)
     glare = glare_in(image)
@@ -381,8 +383,8 @@ def _expected_slope(shape: tuple[int, ...], floor: float, upright: Level) -> tup
     """
     focal = FOCAL_SIDES * max(shape[:2])
     below, tilt = (floor - shape[0] / 2) / focal, -focal * upright.converging
-    doubt = math.hypot(FOCAL_UNCERTAINTY * (tilt - below), focal * upright.converging_sigma, OFF_CENTRE / FOCAL_SIDES)
-    return below + tilt, doubt
+    sigma = math.hypot(FOCAL_UNCERTAINTY * (tilt - below), focal * upright.converging_sigma, OFF_CENTRE / FOCAL_SIDES)
+    return below + tilt, sigma
 
 
 def _floor(
@@ -410,7 +412,8 @@ def _floor(
     bulge = slope[0] * half
     start = [float(np.median(y - bulge * arc)), bulge] if known is None else [bulge]
     found = least_squares(misses, start)
-    sigma = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))
+    slopes = np.asarray(found.jac)
+    sigma = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
     if known is None:
         return float(found.x[0]), math.hypot(float(sigma[0]), ENDS_LEVEL * radius), float(found.x[1]), float(sigma[1])
     return known, 0.0, float(found.x[0]), float(sigma[0])

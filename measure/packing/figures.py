@@ -63,7 +63,7 @@ def write_plot(path: Path, profile: Profile, found: tuple[Quantity, ...]) -> Non
 
 def _marked(image: Image, bed: Bed, measurement: Measurement) -> Image:
     zoom = bed.silhouette.zoom
-    picture = np.asarray(cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA))
+    picture = np.asarray(cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     view = bed.silhouette.view
     x, height = bed.outline
     half = bed.width / 2

@@ -121,7 +121,7 @@ def lower_ends(straight: Straight, walls: tuple[float, float]) -> tuple[Array, A
 def _run(lines: Mask) -> Array:
     """Number of pixels before the first gap of each line; lines have the shape (n, pixels)."""
     ended = np.concatenate([~lines, np.ones((len(lines), 1), dtype=bool)], axis=1)
-    return np.argmax(ended, axis=1).astype(np.float64)
+    return np.asarray(np.argmax(ended, axis=1), dtype=np.float64)
 
 
 def _roughness(grey: Image, radius: float) -> npt.NDArray[np.int32]:
