@@ -124,7 +124,7 @@ def measure_tilt(
 
 @app.command("packing", epilog="Example: rigtwin measure packing bed.jpg --cylinder-diameter 65mm --total-mass 212.7g")
 @measured("packing")
-@filmed(*PHOTO)
+@filmed(*PHOTO, "cylinder", "floor")
 @tracked
 def measure_packing(
     photos: Annotated[

@@ -3,7 +3,8 @@
     python benchmarks/measure/unseen.py --media DIR [--only NAME ...] [--stated] [--json FILE]
 
 `DIR` holds one folder per clip or photo with `given.json` (what its user states) and `truth.json`.  With `--stated` the
-base line of every heap is stated, too, as a user would click it: its true ends with a seeded error of 2 px.
+base line of every heap and the walls of every bed are stated, too, as a user would click them: the true places with a
+seeded error of 2 px.
 """
 
 from __future__ import annotations
@@ -132,10 +133,24 @@ def settings(kind: str, given: JsonObject) -> dict[str, str]:
     return options
 
 
-def stated_base(truth: JsonObject, rng: np.random.Generator) -> str:
-    """The ends of the base line as clicked, `x1,y1,x2,y2` [px]."""
-    ends = np.array([*truth["base_left_px"], *truth["base_right_px"]]) + rng.normal(0.0, CLICK, 4)
-    return ",".join(f"{value:.1f}" for value in ends)
+def clicks(truth: JsonObject, kind: str, rng: np.random.Generator) -> dict[str, str]:
+    """Option and places as clicked, `x1,y1,x2,y2` [px]."""
+    if kind == "pile":
+        option, ends = "base", np.array([*truth["base_left_px"], *truth["base_right_px"]])
+    elif kind == "packing":
+        option = "cylinder"
+        if "wall_left_px" in truth:
+            away = (np.array(truth["wall_right_px"]) - np.array(truth["wall_left_px"])) / 2
+        else:
+            roll = math.radians(truth["camera_roll_deg"])
+            away = (
+                truth["cylinder_radius_m"] / truth["m_per_px_axis_plane"] * np.array([math.cos(roll), math.sin(roll)])
+            )
+        axis = np.array(truth["floor_px_axis"])
+        ends = np.concatenate([axis - away, axis + away])
+    else:
+        return {}
+    return {option: ",".join(f"{value:.1f}" for value in ends + rng.normal(0.0, CLICK, 4))}
 
 
 def outcomes(folder: Path, *, by_hand: bool) -> list[Outcome]:
@@ -143,10 +158,10 @@ def outcomes(folder: Path, *, by_hand: bool) -> list[Outcome]:
     truth = json.loads((folder / "truth.json").read_text())
     kind = given["kind"]
     options = settings(kind, given)
-    if by_hand and kind == "pile":
+    if by_hand:
         # every folder has its own sequence, so that --only does not change the clicks
         seed = np.random.SeedSequence([SEED, *folder.name.encode()])
-        options["base"] = stated_base(truth, np.random.default_rng(seed))
+        options |= clicks(truth, kind, np.random.default_rng(seed))
     wanted = list(targets(kind, truth))
     blank = [Outcome(folder.name, one.name, one.unit, one.truth, one.tolerance) for one in wanted]
     start = time.process_time()
@@ -199,7 +214,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--media", type=Path, required=True, help="folder of folders with given.json and truth.json")
     parser.add_argument("--only", nargs="*", default=[], help="beginnings of the folders' names")
-    parser.add_argument("--stated", action="store_true", help="state the base line of every heap")
+    parser.add_argument("--stated", action="store_true", help="state base lines and walls")
     parser.add_argument("--json", type=Path, help="write every number into this file")
     asked = parser.parse_args(arguments)
     folders = sorted(file.parent for file in asked.media.glob("*/truth.json") if (file.parent / "given.json").exists())

@@ -276,8 +276,8 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "pivot": (),
     "base": ("pile",),
     "flank": ("pile",),
-    "cylinder": (),
-    "floor": (),
+    "cylinder": ("packing",),
+    "floor": ("packing",),
     "circle": ("drum",),
     "slot": (),
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -11,21 +10,25 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import STATED_SIGMA, Line
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, likeness, more_beads, rim_radius
 from rigtwin.measure.bulk.hidden_surface import covered_columns, glare_in
 from rigtwin.measure.bulk.outline import Silhouette, View, outline_of
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
-from rigtwin.measure.robust import mad_std
+from rigtwin.measure.packing.grain_region import CORE, Mask, Straight, grain_region, lower_ends, sides, straightened
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
-COARSE = 900  # [px], longer side of the reduced picture that is searched for beads
+FINEST = 1000  # [px], longer side of the analysed picture; a bead's edge is read to an eighth of its least radius
+NEXT_TO = 2.0  # [bead radii], from the region to the middle of a bead that lies on it
+WITHIN, BEYOND = 0.5, 1.2  # [bead radii], by which a wall may lie within and beyond the usual end of the grains
+OFF_CENTRE = 0.05  # standard uncertainty of the lens's axis in the picture, which may be cropped, over its longer side
+# [bead radii], scatter of the lower ends of the grains about the foot of the bed, and standard uncertainty of its level
+ENDS_SCATTER, ENDS_LEVEL = 0.2, 0.3
+FRONT, BESIDE = 0.4, 1.1  # shares of the radius, by which grains appear below the floor's middle and beside the walls
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
-WALL_TO_WALL = 3  # beads; a row with fewer does not show both walls
-LAYERED = 6  # least number of rows, one radius apart (about four layers): single layers differ in width
-FEWEST_ROWS = 3  # rows, one bead radius apart, that a single layer of beads fills
 ZERO_NEAR = 4.6  # [mm], zero to floor: less than half a centimetre, so that the longer marks identify the zero
 GOES_ON = 6.0  # [mm], graduations further below the zero after a gap mean that the zero is wrong
 ENDS_ABOVE = 4.0  # [mm], graduations may end this far above zero: the gauge's foot and its shadow hide a mark or two
@@ -37,9 +40,6 @@ FOCAL_SIDES = 2.0  # usual focal length over the longer side of the picture
 USUAL_STEEPNESS = 0.5  # [bead diameters], standard deviation of the prior of `Bed.steepness`
 FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the focal length
 INSIDE = 0.97  # share of the inner radius in which the outline is searched
-# Relative tolerance of the wall distance predicted from the bead size.  Circles are found on the clearest edge of a
-# shaded bead, up to 1/6 inside its rim, and radii are tried in steps of 1/8.
-WALL_TOLERANCE = 0.2
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
 EDGE_UNCERTAINTY = 0.6
@@ -49,8 +49,57 @@ TEXTURE = 2.0  # limit of the log odds from texture; less than the 3.9 of colour
 
 
 @dataclass(frozen=True)
+class Stated:
+    """What the user reads off the photo [px], with the standard uncertainty `sigma` of each coordinate."""
+
+    walls: Line | None = None  # both inner walls at the floor, left first
+    floor: float | None = None  # row of the floor on the axis
+    sigma: float = STATED_SIGMA
+
+    def zoomed(self, zoom: float) -> Stated:
+        """The same in a picture with `zoom` px per px of the photo."""
+        left, right = self.walls or ((0.0, 0.0), (0.0, 0.0))
+        walls = ((left[0] * zoom, left[1] * zoom), (right[0] * zoom, right[1] * zoom)) if self.walls else None
+        return Stated(walls, None if self.floor is None else self.floor * zoom, self.sigma * zoom)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Point of the axis at the floor."""
+        assert self.walls is not None
+        (x1, y1), (x2, y2) = self.walls
+        return (x1 + x2) / 2, (y1 + y2) / 2 if self.floor is None else self.floor
+
+    @property
+    def half(self) -> float:
+        """Radius of the cylinder."""
+        assert self.walls is not None
+        return math.dist(*self.walls) / 2
+
+    def between(self, shape: tuple[int, ...], share: float) -> Mask:
+        """Mask of the pixels within a `share` of the radius of the axis, and above the front of the floor."""
+        column, row = self.middle
+        across = np.abs(np.arange(shape[1]) - column) < share * self.half
+        return np.asarray((np.arange(shape[0]) < row + FRONT * self.half)[:, None] & across)
+
+    def across(self, straight: Straight, lean: float) -> tuple[float, float]:
+        """Places of the walls from the middle of the region of grains."""
+        assert self.walls is not None
+        x, y = straight.centre
+        left, right = ((wall[0] - x) * math.cos(lean) - (wall[1] - y) * math.sin(lean) for wall in self.walls)
+        return left, right
+
+    def down(self, straight: Straight, lean: float, offset: float) -> float | None:
+        """Place of the floor below the middle of the region of grains, on the axis at `offset`."""
+        x, y = straight.centre
+        if self.walls is not None:
+            column, row = self.middle
+            return (row - y) * math.cos(lean) + (column - x) * math.sin(lean)
+        return None if self.floor is None else (self.floor - y + offset * math.sin(lean)) / math.cos(lean)
+
+
+@dataclass(frozen=True)
 class Bed:
-    """A bed in the picture; lengths in px, rows counted downwards."""
+    """A bed in the picture; lengths in px of the analysed picture, rows counted downwards."""
 
     axis: tuple[float, float]  # point of the axis at the floor
     lean: float  # [rad], of the axis: positive where its foot is further right
@@ -71,6 +120,7 @@ class Bed:
     narrowing: float = 0.0  # relative decrease of the bed's width from top to foot
     # roll from upright edges and its standard uncertainty [rad], where another roll is given
     roll_seen: tuple[float, float] | None = None
+    stated: Stated = Stated()
 
     @property
     def floor(self) -> float:
@@ -109,68 +159,75 @@ class Bed:
 
 
 def find_bed(
-    image: Image,
+    photo: Image,
     *,
     cylinder: float | None,
     bead: float | None,
     roll: float | None = None,
     region: tuple[float, float, float, float] | None = None,
-) -> Bed | None:
-    """Find the bed in a photo (BGR), or None.  `cylinder` (inner) and `bead` are diameters [m] where known."""
+    stated: Stated | None = None,
+) -> Bed | str:
+    """Find the bed in a photo (BGR), or say why there is none.
+
+    `cylinder` (inner) and `bead` are diameters [m] where known, `stated` are walls and floor read off the photo.
+    """
+    zoom = min(1.0, FINEST / max(photo.shape[:2]))
+    image = photo
+    if zoom < 1:
+        image = np.asarray(cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    stated = (stated or Stated()).zoomed(zoom)
+    region = None if region is None else (region[0] * zoom, region[1] * zoom, region[2] * zoom, region[3] * zoom)
     glare = glare_in(image)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    beads = _beads(image, grey, region)
-    if beads is None or len(beads.centre) < FEWEST:
-        return None
-    upright, roll_seen = _upright(grey, roll)
     ratio = cylinder / bead if cylinder and bead else None
-    middle = float(np.median(beads.centre[:, 1]))
-    column = float(np.median(beads.centre[:, 0]))
-    lean = upright.at(column)[0]
-    centre = beads.centre - np.array([column, middle])
-    across = centre[:, 0] * math.cos(lean) - centre[:, 1] * math.sin(lean)
-    down = centre[:, 1] * math.cos(lean) + centre[:, 0] * math.sin(lean)
-    left, right = _walls(across, down, beads.radius, ratio, upright, (column, middle))
-    width = right - left
+    beads = _beads(image, grey, region, stated, ratio)
+    count = 0 if beads is None else len(beads.centre)
+    if beads is None or len(beads.centre) < FEWEST:
+        return f"{count} touching circles of one size were found, {FEWEST} are needed"
+    upright, roll_seen = _upright(grey, roll)
+    odds, region_of_grains = grain_region(image, grey, beads)
+    if not region_of_grains.any():
+        return f"the {len(beads.centre)} circles that were found do not cover a region five circles wide"
+    lean = upright.at(stated.middle[0] if stated.walls else float(np.median(np.nonzero(region_of_grains)[1])))[0]
+    straight = straightened(odds, region_of_grains, lean, beads.radius)
+    left, right = _walls(straight, beads.radius, upright) if stated.walls is None else stated.across(straight, lean)
+    width, offset = right - left, (left + right) / 2
     radius = width / 2 / ratio if ratio else beads.radius
-    inside = _in_the_bed(across, down, (left, right), beads.radius)
-    if np.sum(inside) < FEWEST:
-        return None
-    seen_radius = rim_radius(grey, Beads(beads.centre[inside], beads.radius))
-    kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
-    alike = likeness(image, kept)
-    inside[inside] = _filled(kept, alike)
-    if np.sum(inside) < FEWEST:
-        return None
-    # count only rows of the bed: round things beside the empty part of the cylinder are not beads beyond a wall
-    beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
-    beyond = float(np.mean(((across < left) | (across > right))[beside])) if beside.any() else 0.0
-    offset = (left + right) / 2
-    floor, floor_sigma, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius)
+    chosen = _of_the_bed(image, beads, straight, region_of_grains, (left, right), radius)
+    (column, middle), x = straight.centre, (straight.centre[0] + left, straight.centre[0] + right)
+    if chosen is None:
+        return f"fewer than {FEWEST} of {len(beads.centre)} circles lie between x = {x[0]:.0f} and {x[1]:.0f} px"
+    kept, alike, clear, beyond = chosen
+    seen_radius = rim_radius(grey, clear)
+    ends = lower_ends(straight, (left, right))
+    expected = _expected_slope(image.shape, middle + float(np.median(ends[1])), upright)
+    known = stated.down(straight, lean, offset)
+    floor, floor_sigma, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected, known)
+    if known is not None:
+        floor_sigma = stated.sigma
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
         middle - offset * math.sin(lean) + floor * math.cos(lean),
     )
     horizontal = -upright.at((image.shape[1] - 1) / 2)[0]
     view = View(axis, -lean, width / 2, 0.0, math.inf)
-    kept = Beads(beads.centre[inside], kept.radius)
     alike = _with_texture(alike, grey, kept, view)
     kept = Beads(kept.centre[_filled(kept, alike)], kept.radius)
     found = outline_of(image, alike, kept, view, solid=True)
     if found is None:
-        return None
+        return f"no outline was found above {len(kept.centre)} circles between x = {x[0]:.0f} and {x[1]:.0f} px"
     covered = covered_columns(found, image, kept, alike, glare, np.abs(found.x) < INSIDE * width / 2)
-    found = replace(found, height=np.where(covered, np.nan, found.height))
+    found = replace(found, height=np.where(covered, np.nan, found.height), zoom=zoom)
     gauge = None
     if cylinder is not None or bead is not None:
         pixel = width / (cylinder * 1e3) if cylinder else 2 * beads.radius / (bead or 1.0) / 1e3
         gauge = _gauge(grey, upright, (axis[0] - width / 2, axis[0] + width / 2), pixel, axis, horizontal)
-    if gauge is not None:
+    if gauge is not None and known is None:
         row = gauge.row_of(0.0)
         zero = row - (gauge.column_at(row) - axis[0]) * math.tan(horizontal)
         known = floor - (axis[1] - zero) / math.cos(lean)
-        _, _, bulge, bulge_sigma = _floor(across[inside] - offset, down[inside], width / 2, radius, known)
+        _, _, bulge, bulge_sigma = _floor(ends[0] - offset, ends[1], width / 2, radius, expected, known)
     bed = Bed(
         axis,
         lean,
@@ -188,10 +245,36 @@ def find_bed(
         "",
         float(max(image.shape[:2])),
         found,
-        _narrowing(across[inside], down[inside], beads.radius) / width,
+        _narrowing(straight, beads.radius) / width,
         roll_seen,
+        stated,
     )
     return _judged(bed, _cut_off(kept, alike))
+
+
+def _of_the_bed(
+    image: Image, beads: Beads, straight: Straight, region: Mask, walls: tuple[float, float], radius: float
+) -> tuple[Beads, npt.NDArray[np.float32], Beads, float] | None:
+    """Circles of the bed, likeness to them, those well inside it, and the share of circles beside it; None if few."""
+    away = beads.centre - np.array(straight.centre)
+    across = away[:, 0] * math.cos(straight.lean) - away[:, 1] * math.sin(straight.lean)
+    down = away[:, 1] * math.cos(straight.lean) + away[:, 0] * math.sin(straight.lean)
+    within = (across > walls[0]) & (across < walls[1])
+    distance = cv2.distanceTransform(1 - region.astype(np.uint8), cv2.DIST_L2, 3)
+    gap = at(np.asarray(distance, dtype=np.float32), beads.centre)
+    inside = within & (gap < NEXT_TO * beads.radius)
+    if np.sum(inside) < FEWEST:
+        return None
+    clear = Beads(beads.centre[inside & (gap == 0)], beads.radius)
+    kept = Beads(beads.centre[inside], radius if 0.7 < radius / beads.radius < 1.4 else beads.radius)
+    alike = likeness(image, kept)
+    inside[inside] = _filled(kept, alike)
+    if np.sum(inside) < FEWEST:
+        return None
+    # count only rows of the bed: round things beside the empty part of the cylinder are not beads beyond a wall
+    beside = (down > np.percentile(down[inside], 5)) & (down < np.percentile(down[inside], 95))
+    beyond = float(np.mean(~within[beside])) if beside.any() else 0.0
+    return Beads(beads.centre[inside], kept.radius), alike, clear, beyond
 
 
 def _with_texture(alike: npt.NDArray[np.float32], grey: Image, beads: Beads, view: View) -> npt.NDArray[np.float32]:
@@ -229,18 +312,34 @@ def _filled(beads: Beads, alike: npt.NDArray[np.float32]) -> npt.NDArray[np.bool
     return np.asarray(share > 0.7 * np.median(share))
 
 
-def _beads(image: Image, grey: Image, region: tuple[float, float, float, float] | None) -> Beads | None:
-    shrink = min(1.0, COARSE / max(grey.shape))
-    small = grey if shrink == 1 else cv2.resize(grey, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    beads = find_beads(np.asarray(small, dtype=np.uint8), (0.0055 * max(small.shape), 0.045 * max(small.shape)))
-    if beads is None:
-        return None
-    beads = Beads(beads.centre / shrink, beads.radius / shrink)
-    beads = more_beads(edges(grey), likeness(image, beads), beads, least_group=PARTED)
-    if region is not None:
-        x, y, width, height = region
-        here = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)
-        beads = Beads(beads.centre[here], beads.radius)
+def _beads(
+    image: Image,
+    grey: Image,
+    region: tuple[float, float, float, float] | None,
+    stated: Stated,
+    ratio: float | None,
+) -> Beads | None:
+    """Circles in the photo, or between the walls where these are stated.
+
+    `ratio` is cylinder over bead diameter; with stated walls it gives the size of the circles.
+    """
+    radii = 0.0055 * max(grey.shape), 0.045 * max(grey.shape)
+    half = 0.0 if stated.walls is None else stated.half
+    between = None if stated.walls is None else stated.between(grey.shape, BESIDE)
+    searched = grey
+    if between is not None:
+        if ratio is not None:
+            radii = 0.8 * half / ratio, 1.1 * half / ratio
+        searched = np.where(between, grey, np.median(grey)).astype(np.uint8)
+    beads = find_beads(searched, radii)
+    if beads is not None:
+        beads = more_beads(edges(grey), likeness(image, beads), beads, least_group=PARTED)
+        if region is not None:
+            x, y, width, height = region
+            near = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)
+            beads = Beads(beads.centre[near], beads.radius)
+        if between is not None:
+            beads = Beads(beads.centre[at(between.astype(np.float32), beads.centre) > 0], beads.radius)
     return beads
 
 
@@ -260,116 +359,81 @@ def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float
     return level_of(lines, turned.shape, -roll), (-seen[0], seen[1]) if free.lines else None
 
 
-def _walls(
-    across: Array, down: Array, radius: float, ratio: float | None, upright: Level, middle: tuple[float, float]
-) -> tuple[float, float]:
-    """Columns of the inner walls at the bed's middle row, from the outermost beads and long upright edges near them."""
+def _walls(straight: Straight, radius: float, upright: Level) -> tuple[float, float]:
+    """Columns of the inner walls from the region's middle: the upright edges nearest to the ends of the grains.
+
+    Grains touch the walls, so their ends lie at the inner walls or up to a bead radius within them; whatever stands
+    behind or beside the cylinder has its edges elsewhere.
+    """
     # lines are in the transposed picture: (row, column)
-    places = [line.start[1] + (middle[1] - line.start[0]) * math.tan(line.slope) - middle[0] for line in upright.lines]
-    _, once = np.unique(np.floor(np.stack([across, down]) / radius), axis=1, return_index=True)
-    starts = np.sort(across[once])
-    # other round things may lie outside the walls: start from an estimate of the width if the bead size does not give
-    # it
-    width = 2 * radius * ratio if ratio is not None else float(np.ptp(np.percentile(starts, (2, 98)))) + 2 * radius
-
-    def held(left: float, right: float) -> int:
-        return int(np.searchsorted(starts, right) - np.searchsorted(starts, left))
-
-    # best: two upright edges as far apart as the walls that hold most beads between them; of these the inner ones
-    least, most_wide = (1 - WALL_TOLERANCE) * width, (1 + WALL_TOLERANCE) * width
-    pairs = [(one, two) for one in places for two in places if least < two - one < most_wide]
-    most = max((held(*pair) for pair in pairs), default=0)
-    if most > 0.8 * max(held(start - radius, start + width) for start in starts.tolist()):
-        return min((pair for pair in pairs if held(*pair) > 0.96 * most), key=lambda pair: pair[1] - pair[0])
-    if ratio is not None:
-        # otherwise the strip that holds the most beads
-        first = max(starts.tolist(), key=lambda start: held(start, start + width - 1.8 * radius))
-        across = across[(across >= first) & (across <= first + width - 1.8 * radius)]
-    low, high = np.percentile(across, (2, 98))
-    ends = [float(low) - radius, float(high) + radius]
-    for side in (0, 1):
-        near = [place for place in places if abs(place - ends[side]) < 0.4 * radius]
-        if near:
-            ends[side] = min(near, key=lambda place: abs(place - ends[side]))
-    return ends[0], ends[1]
+    column, middle = straight.centre
+    places = [line.start[1] + (middle - line.start[0]) * math.tan(line.slope) - column for line in upright.lines]
+    walls = []
+    for sign, ends in zip((-1, 1), sides(straight, radius), strict=True):
+        end = float(np.median(ends))
+        near = [place for place in places if -WITHIN * radius < sign * (place - end) < BEYOND * radius]
+        walls.append(min(near, key=lambda place: abs(place - end)) if near else end)
+    return walls[0], walls[1]
 
 
-def _in_the_bed(across: Array, down: Array, walls: tuple[float, float], radius: float) -> npt.NDArray[np.bool_]:
-    """Mask of circles between the walls in rows filled with beads; other round things stand in sparse rows."""
-    inside = (across > walls[0]) & (across < walls[1])
-    rows = np.arange(down.min(), down.max() + radius, radius)
-    filled = []
-    for row in rows:
-        near = inside & (np.abs(down - row) < radius)
-        places = np.unique(np.floor((across[near] - walls[0]) / (2 * radius)))
-        filled.append(len(places) * 2 * radius / (walls[1] - walls[0]))
-    full = np.flatnonzero(np.array(filled) > 0.4)
-    if len(full) == 0:
-        return inside
-    runs = np.split(full, np.flatnonzero(np.diff(full) > 2) + 1)
-    # an object in front of the bed may split it: runs of full rows belong to it wherever they are
-    kept = np.concatenate([run for run in runs if len(run) >= min(FEWEST_ROWS, max(map(len, runs)))])
-    return np.asarray(inside & (down > rows[kept[0]] - 1.5 * radius) & (down < rows[kept[-1]] + 1.2 * radius))
+def _expected_slope(shape: tuple[int, ...], floor: float, upright: Level) -> tuple[float, float]:
+    """Slope of the line of sight to the floor [1], seen with the usual focal length, and its standard uncertainty.
+
+    A camera that is tilted down sees uprights converge downwards, by its tilt over its focal length.
+    """
+    focal = FOCAL_SIDES * max(shape[:2])
+    below, tilt = (floor - shape[0] / 2) / focal, -focal * upright.converging
+    sigma = math.hypot(FOCAL_UNCERTAINTY * (tilt - below), focal * upright.converging_sigma, OFF_CENTRE / FOCAL_SIDES)
+    return below + tilt, sigma
 
 
 def _floor(
-    across: Array, down: Array, half: float, radius: float, known: float | None = None
+    x: Array, y: Array, half: float, radius: float, slope: tuple[float, float], known: float | None = None
 ) -> tuple[float, float, float, float]:
     """Floor row at the axis, its standard uncertainty, distance of the floor's front below it, its uncertainty [px].
 
-    `known` is the floor row from a gauge.  The lowest beads of a bed seen from above form an arc, because those in
-    front touch the floor in front.
+    `x` from the axis and `y` are the lower ends of the grains, `known` is the floor row from a gauge.  The foot of a
+    bed seen from above is half an ellipse.  Low floor and steep view are separated only by its shape, so the
+    `slope` of the view is expected with its standard uncertainty.
     """
-    bins = np.linspace(-0.93 * half, 0.93 * half, 15)
-    places, lowest = [], []
-    for left, right in itertools.pairwise(bins):
-        here = (across >= left) & (across < right)
-        if np.any(here):
-            k = int(np.argmax(np.where(here, down, -np.inf)))
-            places.append(across[k])
-            lowest.append(down[k] + radius)
-    x, y = np.array(places), np.array(lowest)
-    arc = np.sqrt(np.clip(1 - (x / (half - 0.5 * radius)) ** 2, 0, 1)) * (1 - radius / half)
-    weight = np.ones_like(y)
-    scale = level_sigma = 0.0
-    answer = np.array([float(np.median(y)), 0.0])
-    for _ in range(12):
-        design = np.column_stack([np.ones_like(x), arc]) * weight[:, None]
-        if known is None:
-            normal = design.T @ design + np.diag([0.0, 0.3])
-            answer = np.linalg.solve(normal, design.T @ (y * weight))
-            # low floor and steep view are separated only by the shape of the arc
-            level_sigma = scale * math.sqrt(float(np.linalg.inv(normal)[0, 0]))
-        else:
-            bulge = float(design[:, 1] @ ((y - known) * weight) / (design[:, 1] @ design[:, 1]))
-            answer = np.array([known, bulge])
-        answer[1] = max(answer[1], 0.0) if known is None else answer[1]
-        miss = y - answer @ np.array([np.ones_like(x), arc])
-        scale = max(mad_std(miss, centre=0.0), 0.1 * radius)
-        # a missed bead leaves a higher one as the lowest, so negative residuals are weighted less
-        weight = np.where(miss < 0, 1 / (1 + (miss / (1.5 * scale)) ** 2), 1 / (1 + (miss / (2.5 * scale)) ** 2))
-    floor_sigma = math.hypot(max(0.35 * radius, 1.0), level_sigma)
-    return float(answer[0]), floor_sigma, float(answer[1]), math.hypot(0.6 * radius, scale)
+    from scipy.optimize import least_squares
+
+    arc = np.sqrt(np.clip(1 - (x / half) ** 2, 0, 1))
+    scale = ENDS_SCATTER * radius
+    # the ends within a bead's width belong to one bead
+    worth = math.sqrt(2 * half / (2 * radius) / max(len(x), 1))
+
+    def misses(sought: Array) -> Array:
+        floor, bulge = (sought[0], sought[1]) if known is None else (known, sought[0])
+        off = (y - floor - bulge * arc) / scale
+        # Cauchy: a missed bead ends higher, a shadow or a reflection lower
+        return np.append(worth * np.sqrt(2 * np.log1p(off**2 / 2)), (bulge / half - slope[0]) / slope[1])
+
+    bulge = slope[0] * half
+    start = [float(np.median(y - bulge * arc)), bulge] if known is None else [bulge]
+    found = least_squares(misses, start)
+    slopes = np.asarray(found.jac)
+    sigma = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
+    if known is None:
+        return float(found.x[0]), math.hypot(float(sigma[0]), ENDS_LEVEL * radius), float(found.x[1]), float(sigma[1])
+    return known, 0.0, float(found.x[0]), float(sigma[0])
 
 
-def _narrowing(across: Array, down: Array, radius: float) -> float:
-    """Decrease of the bed's width [px] from top to foot: twice that of the side that slants less.
+def _narrowing(straight: Straight, radius: float) -> float:
+    """Decrease of the bed's width [px] from top to foot that is certain: twice that of the side that slants less.
 
     Beads missed in glare or at one wall make one side slant.  The walls of a bin or the flanks of a heap slant both.
     """
     from scipy.stats import theilslopes
 
-    outermost = []
-    for row in np.arange(down.min(), down.max() + radius, radius):
-        here = across[np.abs(down - row) < radius]
-        if len(here) >= WALL_TO_WALL:
-            outermost.append((row, float(here.min()), float(here.max())))
-    if len(outermost) < LAYERED:
-        return 0.0
-    rows, left, right = np.array(outermost).T
-    inwards = float(theilslopes(left, rows)[0]), -float(theilslopes(right, rows)[0])
-    slant = min(inwards, key=abs) if inwards[0] * inwards[1] > 0 else 0.0
-    return 2 * slant * float(np.ptp(rows))
+    slants = []
+    for sign, ends in zip((1, -1), sides(straight, radius), strict=True):
+        # a row of beads for every radius of height: neighbours lie in each other's gaps
+        each = np.linspace(0, len(ends) - 1, max(round(len(ends) / radius), 3)).astype(int)
+        _, _, low, high = theilslopes(sign * ends[each], each / (len(ends) - 1))
+        slants.append(min((low, high), key=abs) if low * high > 0 else 0.0)
+    slant = min(slants, key=abs) if slants[0] * slants[1] > 0 else 0.0
+    return 2 * float(slant) / (CORE[1] - CORE[0])
 
 
 def _gauge(
@@ -412,27 +476,31 @@ def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
     return bool(np.mean(edge) > 0.5 * np.median(at(alike, beads.centre)))
 
 
-def _judged(bed: Bed, cut_off: bool) -> Bed | None:
-    """The bed with the uncertainty and flaws of its outline; None if too little of the surface is visible."""
+def _judged(bed: Bed, cut_off: bool) -> Bed | str:
+    """The bed with the uncertainty and flaws of its outline, or why too little of the surface is visible."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
     known = seen & np.isfinite(found.height)
     shown = float(np.sum(known) / np.sum(seen))
     if shown < LEAST_SHOWN:
-        return None
+        return (
+            f"the surface of the bed was found over {100 * shown:.0f} % of the cylinder's {bed.width:.0f} px, "
+            f"{100 * LEAST_SHOWN:.0f} % are needed"
+        )
     apart = np.abs(found.looser[known] - found.stricter[known])
     uncertainty = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY
     flaw = ""
+    by_zero = bed.gauge is not None and bed.stated.walls is None and bed.stated.floor is None
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if cut_off:
         flaw = "the bed reaches the lower edge of the picture, so the floor is not visible"
     elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
-    elif bed.gauge is not None and _goes_on(bed.gauge):
+    elif by_zero and bed.gauge is not None and _goes_on(bed.gauge):
         flaw = "the gauge's graduations continue below the supposed zero: the lower part of the bed is hidden"
-    elif bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:
+    elif by_zero and bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:
         flaw = "the gauge's graduations end above the supposed zero: they are hidden, or the gauge was misread"
-    elif bed.gauge is not None and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
+    elif by_zero and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
         flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
     elif shown < 0.9:
         flaw = "the surface is hidden in more than a tenth of the cylinder's width"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Image
@@ -17,6 +18,7 @@ from rigtwin.measure.drawing import (
     SKY,
     Colour,
     draw_caption,
+    draw_cross,
     draw_line,
     draw_path,
     save_picture,
@@ -60,7 +62,8 @@ def write_plot(path: Path, profile: Profile, found: tuple[Quantity, ...]) -> Non
 
 
 def _marked(image: Image, bed: Bed, measurement: Measurement) -> Image:
-    picture = image.copy()
+    zoom = bed.silhouette.zoom
+    picture = np.asarray(cv2.resize(image, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     view = bed.silhouette.view
     x, height = bed.outline
     half = bed.width / 2
@@ -72,6 +75,11 @@ def _marked(image: Image, bed: Bed, measurement: Measurement) -> Image:
     top = float(np.max(height)) + half
     for side in (-half, half):
         line((side, 0.0), (side, top), SKY)
+    if bed.stated.walls is not None:
+        for wall in bed.stated.walls:
+            draw_cross(picture, wall, 0.03 * bed.width, SKY)
+    if bed.stated.floor is not None:
+        draw_cross(picture, (bed.axis[0], bed.stated.floor), 0.03 * bed.width, GREEN)
     points = view.to_picture(x, height)
     draw_path(picture, points, ORANGE)
     floor, level = 0.0, float(np.mean(height))

@@ -20,7 +20,7 @@ from rigtwin.measure.bulk.checks import size_unseen
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import NEARER, SAME_PLANE, STATED, gauge_pitch, picture_checks
-from rigtwin.measure.packing.cylinder import Bed, find_bed
+from rigtwin.measure.packing.cylinder import Bed, Stated, find_bed
 from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
 
 GIVEN_UNCERTAINTY = 0.003  # relative standard uncertainty of a scale from a length in the plane of the axis
@@ -33,20 +33,21 @@ GAUGE_UNCERTAINTY = 0.002  # relative standard uncertainty of a scale from a gau
 def observe(
     photo: Path, image: Image, camera: Camera, cylinder: float | None, bead: float | None
 ) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
-    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region)
-    if bed is None:
-        raise NothingToMeasure(
-            f"{photo}: no bed of beads in a cylinder was found; photograph it from the side with beads a dozen "
-            "or more pixels wide, or give its place with --region x,y,width,height."
-        )
+    places = Stated(camera.cylinder, camera.floor)
+    bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=places)
+    if isinstance(bed, str):
+        advice = "" if camera.cylinder is not None else "; state the walls with --cylinder x1,y1,x2,y2"
+        raise NothingToMeasure(f"{photo}: no bed of beads: {bed}{advice}.")
     scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
-    if bed.gauge is not None and source == "gauge":
+    stated = bed.stated.walls is not None or bed.stated.floor is not None
+    if bed.gauge is not None and source == "gauge" and not stated:
         height = bed.gauge.reading(bed.gauge_rows(x, above)) * 1e-3
         floor_uncertainty, floor_from = 0.15e-3, "gauge"
     else:
         height = above * scale
-        floor_uncertainty, floor_from = bed.floor_sigma * scale, "lowest beads"
+        floor_uncertainty = bed.floor_sigma * scale
+        floor_from = "stated" if stated else "lowest grains"
     steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
     # a camera above or below the surface sees its far or near side above the middle
@@ -61,12 +62,12 @@ def observe(
         "camera height": spread,
     }
     view = {
-        "scale_m_per_px": scale,
+        "scale_m_per_px": scale * bed.silhouette.zoom,
         "scale_from": source,
         "floor_from": floor_from,
         "camera_roll_deg": math.degrees(bed.roll),
-        "bead_radius_px": bed.bead_radius,
-    }
+        "bead_radius_px": bed.bead_radius / bed.silhouette.zoom,
+    } | camera.stated_view
     checks = picture_checks(bed, scale, source, cylinder, bead)
     if camera.roll is not None and bed.roll_seen is not None:
         checks.append(roll_check(camera.roll, *bed.roll_seen, "the upright edges in the picture show"))
@@ -103,15 +104,16 @@ def _scale(
 ) -> tuple[float, float, str]:
     """Scale [m/px] in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
+        return camera.given_scale / bed.silhouette.zoom, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
-    uncertainty = WALL_UNCERTAINTY
+    seen = 0.0 if camera.cylinder is None else math.sqrt(2) * bed.stated.sigma / bed.width
+    uncertainty = math.hypot(WALL_UNCERTAINTY, seen)
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
         if wall is None or abs(pitch / wall - 1) < SAME_PLANE:
             return pitch, GAUGE_UNCERTAINTY, "gauge"
         # rectangular distribution: the true scale lies anywhere between the two
-        uncertainty = math.hypot(WALL_UNCERTAINTY, (pitch / wall - 1) / math.sqrt(3))
+        uncertainty = math.hypot(uncertainty, (pitch / wall - 1) / math.sqrt(3))
     if wall is not None:
         return wall, uncertainty, "cylinder diameter"
     if bead is not None:

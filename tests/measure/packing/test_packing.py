@@ -466,7 +466,9 @@ def test_without_the_beads_size_the_surface_lies_half_a_bead_as_it_looks_below_t
     tops = pick(looked, "bed_height")
     # the apparent size of single beads differs by at most 0.16
     assert tops.value - found.value == pytest.approx(BEAD / 2, rel=0.16)
-    assert found.value == pytest.approx(known.value, abs=2 * found.budget["bead diameter"])
+    # drawn beads look 5 % smaller than filmed ones, because none is nearer to the camera than the axis
+    nearer = 0.05 * (packing_bed_profile.OUTLINE_ABOVE + packing_evaluate.PITS_BELOW) * BEAD
+    assert found.value == pytest.approx(known.value, abs=2 * found.budget["bead diameter"] + nearer)
     assert found.std_uncertainty > known.std_uncertainty
     assert tops.budget["bead diameter"] / found.budget["bead diameter"] == pytest.approx(
         packing_bed_profile.OUTLINE_ABOVE / (packing_bed_profile.OUTLINE_ABOVE + packing_evaluate.PITS_BELOW)
@@ -623,3 +625,59 @@ def test_a_photo_that_cuts_the_bed_off_above_its_floor_makes_all_quantities_doub
     cv2.imwrite(str(photo), cv2.imread(str(photo))[: round(540 - 20 * PIXEL)])
     result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
     assert all("edge of the picture" in one.doubtful for one in result.quantities)
+
+
+def at_the_floor():
+    """Both inner walls of a drawn bed at its floor [px]."""
+    return (200 - 30 * PIXEL, 540.0), (200 + 30 * PIXEL, 540.0)
+
+
+def test_stated_walls_and_floor_are_used_with_their_own_uncertainty(tmp_path):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    result = packing.measure([photo], Camera(cylinder=at_the_floor()), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert result.camera["stated"] == ["cylinder"]
+    assert result.camera["scale_m_per_px"] == pytest.approx(1e-3 / PIXEL, rel=1e-3)
+    found = pick(result, "bed_height", "outline")
+    assert found.value == pytest.approx(truth, abs=2 * found.std_uncertainty)
+    assert found.budget["floor"] == pytest.approx(2e-3 / PIXEL, rel=1e-3)
+
+
+def test_a_stated_floor_moves_the_height_by_as_much(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    heights = [
+        pick(
+            packing.measure([photo], Camera(floor=floor), cylinder_diameter=CYLINDER, bead_diameter=BEAD),
+            "bed_height",
+            "outline",
+        ).value
+        for floor in (540.0, 550.0)
+    ]
+    # with a lower floor the same lowest grains mean a less steep view, which takes back a part
+    assert heights[1] - heights[0] == pytest.approx(10e-3 / PIXEL, rel=0.3)
+
+
+def test_a_bed_without_round_grains_is_measured_between_stated_walls(tmp_path):
+    photo = tmp_path / "bed.png"
+    picture = np.full((620, 560, 3), (205, 200, 192), np.uint8)
+    rng = np.random.default_rng(4)
+    (left, floor), (right, _) = at_the_floor()
+    sand = rng.integers(60, 140, (200, int(right) - int(left)))[..., None] * np.array([0.6, 0.8, 1.0])
+    picture[int(floor) - 200 : int(floor), int(left) : int(right)] = sand
+    cv2.imwrite(str(photo), picture)
+    result = packing.measure([photo], Camera(cylinder=at_the_floor()), cylinder_diameter=CYLINDER)
+    found = pick(result, "bed_height", "outline")
+    assert found.value == pytest.approx(200e-3 / PIXEL, abs=2 * found.std_uncertainty)
+
+
+def test_what_stands_beside_and_behind_the_cylinder_is_no_wall(tmp_path):
+    photo = tmp_path / "bed.png"
+    picture, truth = drawn(gauge=False)
+    crowded = picture.copy()
+    cv2.rectangle(crowded, (250, 120), (400, 255), (90, 140, 60), cv2.FILLED)  # a cup behind the empty part
+    cv2.rectangle(crowded, (360, 120), (400, 540), (90, 140, 60), cv2.FILLED)
+    crowded[100:540:5, 20:50] = 30  # a ruler close to the left wall
+    cv2.imwrite(str(photo), crowded)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert pick(result, "bed_height", "outline").value == pytest.approx(truth, abs=0.3 * BEAD)
