@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.arrays import Array, GreyImage, Image
 from rigtwin.lab.camera import STATED_SIGMA, Line
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, likeness, more_beads, rim_radius
 from rigtwin.measure.bulk.hidden_surface import covered_columns, glare_in
@@ -171,15 +171,9 @@ def find_bed(
 
     `cylinder` (inner) and `bead` are diameters [m] where known, `stated` are walls and floor read off the photo.
     """
-    zoom = min(1.0, FINEST / max(photo.shape[:2]))
-    image = photo
-    if zoom < 1:
-        image = np.asarray(cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    image, grey, glare, zoom = _analysed(photo)
     stated = (stated or Stated()).zoomed(zoom)
     region = None if region is None else (region[0] * zoom, region[1] * zoom, region[2] * zoom, region[3] * zoom)
-    glare = glare_in(image)
-    image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
-    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     ratio = cylinder / bead if cylinder and bead else None
     beads = _beads(image, grey, region, stated, ratio)
     count = 0 if beads is None else len(beads.centre)
@@ -250,6 +244,17 @@ def find_bed(
         stated,
     )
     return _judged(bed, _cut_off(kept, alike))
+
+
+def _analysed(photo: Image) -> tuple[Image, GreyImage, Mask, float]:
+    """The picture that is analysed with its exposure evened out, its brightness, glare in it, and its px per px."""
+    zoom = min(1.0, FINEST / max(photo.shape[:2]))
+    image = photo
+    if zoom < 1:
+        image = np.asarray(cv2.resize(photo, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    glare = glare_in(image)
+    image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
+    return image, np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8), glare, zoom
 
 
 def _of_the_bed(
