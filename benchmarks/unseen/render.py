@@ -83,7 +83,9 @@ def render(seed: int, number: int, samples: int) -> tuple[np.ndarray, dict[str, 
     metre = float(rng.uniform(0.02, 0.08))  # of one unit of length
     grain = 1e3 * metre * rig.grain
     given = {"kind": rig.kind, "file": "photo.jpg", "bead_diameter_mm": grain}
-    truth = {name: value * metre if name.endswith("_m") else value for name, value in rig.truth.items()}
+    truth = {
+        name: (np.array(value) * metre).tolist() if name.endswith("_m") else value for name, value in rig.truth.items()
+    }
     truth["bead_diameter_m"] = grain / 1e3
     if rig.kind == "pile":
         given["base_diameter_mm"] = 2e3 * metre

@@ -134,6 +134,8 @@ def heap(rng: np.random.Generator) -> Rig:
         "fit20_80_right_deg": flanks[1],
         "fit20_80_mean_deg": float(np.mean(flanks)),
         "geometric_2h_over_D_base_deg": float(np.degrees(np.arctan(np.nanmax(height)))),
+        "profile_x_m": x.tolist(),
+        "profile_h_m": np.where(np.isfinite(height), height, 0.0).tolist(),
     }
     ends = {"base_left_px": (-1.0, 0.0, 0.0), "base_right_px": (1.0, 0.0, 0.0)}
     return Rig(scene, "pile", grain, truth, ends)

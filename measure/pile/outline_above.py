@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
@@ -73,7 +74,8 @@ def outline_above(image: Image, view: View, radius: float, flank: Flank | None =
     tall = size + abs(summit)
     inside = rows[:, None] < FLATTEST * tall * (NARROWEST - share)[None, :]
     outside = (rows[:, None] > STEEPEST * tall * (1 - share)[None, :] + 4 * radius) & (rows[:, None] > 0)
-    looks = [(look_cells(level, radius), 1.0, shares), (_roughness(level, radius), ROUGHNESS_WEIGHT, _steps)]
+    colours = look_cells(_smooth(level, radius), radius)
+    looks = [(colours, 1.0, shares), (_roughness(level, radius), ROUGHNESS_WEIGHT, _steps)]
     borders = edge_map(level)
     count = np.arange(len(rows))[:, None]
     for _ in range(ROUNDS):
@@ -126,10 +128,14 @@ def _largest_run(heap: npt.NDArray[np.bool_], gap: int) -> npt.NDArray[np.bool_]
     return kept
 
 
+def _smooth(level: npt.NDArray[Any], radius: float) -> npt.NDArray[Any]:
+    """The picture without noise finer than a tenth of a bead's radius."""
+    return cv2.GaussianBlur(level, (0, 0), max(0.1 * radius, 0.8))
+
+
 def _roughness(level: Image, radius: float) -> npt.NDArray[np.int32]:
     """Step of the local standard deviation of lightness of every pixel, 0 to `TEXTURES` - 1."""
-    light = cv2.cvtColor(level, cv2.COLOR_BGR2LAB)[..., 0].astype(np.float32)
-    light = np.asarray(cv2.GaussianBlur(light, (0, 0), max(0.1 * radius, 0.8)), dtype=np.float32)
+    light = _smooth(cv2.cvtColor(level, cv2.COLOR_BGR2LAB)[..., 0].astype(np.float32), radius)
     window = (2 * round(0.5 * radius) + 1,) * 2
     rough = np.sqrt(np.maximum(cv2.blur(light * light, window) - cv2.blur(light, window) ** 2, 0))
     # smoothest window that contains the pixel (Kuwahara et al. 1976), so that an edge adds no roughness beside it
