@@ -43,6 +43,7 @@ class Observation:
     unconfirmed: str = ""  # warning about a stated size that nothing in the picture confirms
     notes: tuple[str, ...] = ()  # warnings about the photo's file
     flank: Flank | None = None  # the flanks that are measured, where they are stated
+    unsure_base: str = ""  # why the base line's height is doubtful, on which slopes along the flanks do not depend
 
 
 def evaluate(
@@ -194,7 +195,8 @@ def _quantities_of_view(
             # change of atan(2 H / B) or atan(4 S / B^2) by an error of the scale: H and S are measured, B is stated
             slant = math.sin(2 * math.radians(angle)) * (0.5 if method == "apex" else 1.0)
             budget["scale"] = math.degrees(slant * seen.scale_uncertainty)
-        if flaw:
+        doubt = flaw or (seen.unsure_base if name == GEOMETRIC else "")
+        if doubt:
             budget["unreliable outline"] = FLAWED
         budget = {part: value for part, value in budget.items() if math.isfinite(value) and value > 0}
         detail: dict[str, str | int | float | bool] = {"side": side}
@@ -203,7 +205,7 @@ def _quantities_of_view(
             detail["left_minus_right_deg"] = round(angles[name, method, "left"] - angles[name, method, "right"], 4)
         if name == GEOMETRIC:
             detail["base_limited"] = limited
-        one = Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, flaw)
+        one = Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, doubt)
         quantities.append(doubted(one, bare if name == GEOMETRIC and side == "mean" else ""))
     order = [(GRAPHICAL, LINE), (GEOMETRIC, "apex"), (GEOMETRIC, "equal area"), (GRAPHICAL, NARROWER)]
     place = {key: rank for rank, key in enumerate(order)}
@@ -211,7 +213,7 @@ def _quantities_of_view(
     leaning = failed(seen.checks, ("camera_roll",))  # a tilted base line adds to one side what it takes from the other
     quantities = [doubted(one, leaning if one.detail["side"] != "mean" else "") for one in quantities]
     wrong_size = failed(seen.checks, ("base_diameter", "bead_size"))
-    return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw)]
+    return quantities + [doubted(one, wrong_size) for one in _lengths(seen, heap, grain, flaw or seen.unsure_base)]
 
 
 def _definition_uncertainty(

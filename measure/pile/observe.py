@@ -39,6 +39,7 @@ Draw = Callable[[Path], dict[str, Path]]
 
 MOSTLY = 0.5  # share of the outline beside white above which the whole background is white
 NO_SCALE = "not known"
+NO_BASE = "no base disc was found, so the base line runs under the outermost beads; --base states it"
 
 STATED_FOCAL_UNCERTAINTY = 0.1  # standard deviation of the logarithm of a focal length stated in the photo's EXIF data
 
@@ -124,6 +125,7 @@ def observe_photo(
         unconfirmed,
         odd,
         camera.flank,
+        NO_BASE if found.view.radius == 0 else "",
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
@@ -265,8 +267,6 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the outline has hardly any contrast to the background"
     if found.alike_behind > ALIKE_BEHIND or found.covered < DOUBTFUL_COVER:
         return "the heap hardly differs from the background"
-    if found.view.radius == 0:
-        return "the base disc was not found, so the base line is taken from the outermost beads"
     if found.disc is not None and found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down
         return (

@@ -670,6 +670,20 @@ def test_a_heap_against_a_wall_has_the_angle_of_its_one_flank(tmp_path: Path) ->
     assert angle(result, GRAPHICAL, "left").value == pytest.approx(exact, abs=1.5)
 
 
+def test_without_a_base_disc_only_what_depends_on_the_height_of_the_base_line_is_doubtful(tmp_path: Path) -> None:
+    scene = Scene(seed=4)
+    picture = draw(scene).copy()
+    picture[round(base_of(scene)[0][1]) + 8 :] = (60, 70, 80)  # a table as wide as the picture
+    path = tmp_path / "table.png"
+    cv2.imwrite(str(path), picture)
+    result = measure([path], Camera(), bead_diameter=BEAD)
+    line, apex = (angle(result, quantity, "mean") for quantity in MAIN)
+    assert line.value == pytest.approx(angle(truth(scene), GRAPHICAL, "mean").value, abs=1.5)
+    assert not line.doubtful
+    assert "--base" in apex.doubtful
+    assert all(one.doubtful for one in result.quantities if one.unit == "m")
+
+
 def test_a_flank_as_steep_as_a_wall_is_left_out_and_said() -> None:
     whole = triangle(25, 25)
     half = replace(whole, height=np.where(whole.x < 0, whole.height, 0.0))
