@@ -143,7 +143,7 @@ def settings(kind: str, given: JsonObject) -> dict[str, str]:
         option: f"{given[key]} {unit}"
         for option in known
         for key, unit in [stated[option]]
-        if given.get(key) is not None
+        if isinstance(given.get(key), int | float)  # "about 25, variable" is no frame rate to state
     }
     if kind == "tilt":
         options["variant"] = "roll" if "roll" in str(given.get("test", "")) else "slide"

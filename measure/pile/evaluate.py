@@ -195,8 +195,8 @@ def _quantities_of_view(
             # change of atan(2 H / B) or atan(4 S / B^2) by an error of the scale: H and S are measured, B is stated
             slant = math.sin(2 * math.radians(angle)) * (0.5 if method == "apex" else 1.0)
             budget["scale"] = math.degrees(slant * seen.scale_uncertainty)
-        doubt = flaw or (seen.unsure_base if name == GEOMETRIC else "")
-        if doubt:
+        reason = flaw or (seen.unsure_base if name == GEOMETRIC else "")
+        if reason:
             budget["unreliable outline"] = FLAWED
         budget = {part: value for part, value in budget.items() if math.isfinite(value) and value > 0}
         detail: dict[str, str | int | float | bool] = {"side": side}
@@ -205,7 +205,7 @@ def _quantities_of_view(
             detail["left_minus_right_deg"] = round(angles[name, method, "left"] - angles[name, method, "right"], 4)
         if name == GEOMETRIC:
             detail["base_limited"] = limited
-        one = Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, doubt)
+        one = Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, reason)
         quantities.append(doubted(one, bare if name == GEOMETRIC and side == "mean" else ""))
     order = [(GRAPHICAL, LINE), (GEOMETRIC, "apex"), (GEOMETRIC, "equal area"), (GRAPHICAL, NARROWER)]
     place = {key: rank for rank, key in enumerate(order)}

@@ -7,12 +7,14 @@ part of the clip and gone in the rest is the body; its picture at rest is then r
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.robust import mad_std
@@ -23,9 +25,12 @@ GLARE_SIZE = 0.012  # minimum size of the reflection of a lamp over the longer s
 LEAST_SEEN = 0.35  # minimum mean weight of the body's pixels, which drops with occlusion
 STRONG = 0.3  # minimum contrast of a body's pixels over that of the body
 PART = 0.2  # minimum area of a part of a body over that of the largest part
+LEFT = 3.0  # minimum change at a place of the scene that a body left, in standard deviations of the noise
+WINDOW = 7  # [px], over which the change at a place of the scene is averaged: single pixels agree by chance
 ALIKE = 0.5  # minimum correlation with the picture at rest
 FEWEST = 3  # minimum sample frames of a resting or an arriving body: with two, a moving object would pass too
-COMES = 0.7  # minimum correlation of an object up the plate with the one that rests lower later: half the variance
+COMES = 0.7  # minimum correlation of an object elsewhere on the plate with a resting body: half the variance
+CONTRAST = 0.5  # minimum contrast of that object over that of the body
 STEADILY = 0.8  # minimum net displacement down the plate over the path length of an arriving body
 
 
@@ -98,12 +103,16 @@ def find_body(
         stack = _uncovered(stack, covered > 0.01)
     noise = _grain(stack)
     surface = float(upper - arm.across[rows[0]])
-    gone = [blob for split in range(FEWEST, len(numbers)) for blob in _gone(stack, split, noise, surface)]
+    changed = _changed_in_scene(arm, frames, numbers, stack, rows, columns)
+    gone = [blob for split in range(FEWEST, len(numbers)) for blob in _gone(stack, changed, split, noise, surface)]
     if not gone:
         return None
     # the body leaves one position and arrives at a lower one: the uppermost clear one is its rest position
     clearest = max(blob.merit for blob in gone)
     clear = [blob for blob in gone if blob.merit > 0.25 * clearest]
+    # what is seen lower on the plate afterwards is the body; a fast one may be gone from one sample to the next
+    times = [_times_seen_lower(stack, blob, uphill) for blob in clear]
+    clear = [blob for blob, seen in zip(clear, times, strict=True) if seen >= max(times) / 2]
     highest = max(clear, key=lambda blob: uphill * blob.along)
     there = [blob for blob in clear if abs(blob.along - highest.along) < 0.6 * highest.length]
     best = max(there, key=lambda blob: blob.merit)
@@ -141,25 +150,62 @@ def _uncovered(stack: npt.NDArray[np.float32], covered: npt.NDArray[np.bool_]) -
     return filled
 
 
+def _changed_in_scene(
+    arm: Arm,
+    frames: Mapping[int, FloatImage],
+    numbers: Sequence[int],
+    stack: npt.NDArray[np.float32],
+    rows: npt.NDArray[np.int64],
+    columns: npt.NDArray[np.int64],
+) -> npt.NDArray[np.float32]:
+    """Difference [grey levels] of each cut to the later frames at the same places of the scene; shape (n, n, ...).
+
+    What belongs to the background is still there when the plate has turned on, what left the plate is not.  NaN where
+    the later frame is not later or shows the plate itself at that place.
+    """
+    smooth = {n: np.asarray(cv2.GaussianBlur(frames[n], (0, 0), 1.0), dtype=np.float32) for n in numbers}
+    along, across = np.meshgrid(arm.along[columns], arm.across[rows])
+    upper = min(edge.row for edge in arm.edges)
+    answer = np.full((len(stack), *stack.shape), np.nan, dtype=np.float32)
+    for k, n in enumerate(numbers):
+        for m in range(k + 1, len(stack)):
+            turn = arm.directions[n] - arm.directions[numbers[m]]
+            # the average takes in no plate
+            above = along * math.sin(turn) + across * math.cos(turn) < upper - 1 - WINDOW // 2
+            seen = arm.cut(smooth[numbers[m]], arm.directions[n], arm.along[columns], arm.across[rows])
+            change = cv2.blur(np.abs(seen - stack[k]), (WINDOW, WINDOW))
+            answer[k, m] = np.where(above, change, np.nan)
+    return answer
+
+
 def _grain(stack: npt.NDArray[np.float32]) -> float:
     return mad_std(np.diff(stack, axis=0), centre=0.0) / math.sqrt(2) + 0.3
 
 
-def _gone(stack: npt.NDArray[np.float32], split: int, noise: float, surface: float) -> list[_Gone]:
-    """Objects that are still before `split` and absent after it; `surface` is the row of the plate's upper edge."""
+def _gone(
+    stack: npt.NDArray[np.float32], changed: npt.NDArray[np.float32], split: int, noise: float, surface: float
+) -> list[_Gone]:
+    """Objects that are still before `split` and absent after it, on the plate and at their place in the scene.
+
+    `surface` is the row of the plate's upper edge; `changed` is that of `_changed_in_scene`.
+    """
     before, after = stack[:split], stack[split:]
     rest, later = np.median(before, axis=0), np.median(after, axis=0)
     flicker = 1.4826 * np.median(np.abs(before - rest), axis=0)
     worst = np.abs(before - rest).max(axis=0)
-    score = np.abs(rest - later) - 3 * flicker - 0.5 * worst
-    mask = (score > 4 * noise).astype(np.uint8)
-    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # places that the plate covers from then on
+        left = np.nanmedian(np.nanmin(changed[:split, split:], axis=1), axis=0)
+    # these lie right above the plate: what holds above them holds for them
+    left = pd.DataFrame(left).ffill().fillna(math.inf).to_numpy()
+    score = np.where(left > LEFT * noise, np.abs(rest - later) - 3 * flicker - 0.5 * worst, 0.0)
+    mask = cv2.morphologyEx((score > 4 * noise).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((5, 9), np.uint8))
     count, labels, stats, centres = cv2.connectedComponentsWithStats(joined, connectivity=8)
     found = []
     for k in range(1, count):
         _, top, width, height, area = (int(value) for value in stats[k])
-        if area >= 20 and top + height > surface - 4 and top < surface - 2:
+        if area >= 20 and top + height > surface - max(4, height / 2) and top < surface - 2:
             inside = labels == k
             merit = float(np.sum(np.clip(score[inside], 0, 60)))
             found.append(_Gone(merit, float(centres[k][0]), float(width), split, inside))
@@ -172,22 +218,41 @@ def _arrives(stack: npt.NDArray[np.float32], place: _Gone, uphill: int) -> bool:
     The change at the position is then the body that lies there later, and earlier frames show the same body further up
     the plate, lower from one to the next.  If a body leaves the position, nothing moves above it.
     """
-    y, x = np.nonzero(place.mask)
-    rows, columns = slice(int(y.min()), int(y.max()) + 1), slice(int(x.min()), int(x.max()) + 1)
-    early = stack[: place.split]
-    body = (np.median(stack[place.split :], axis=0) - np.median(early, axis=0))[rows, columns]
-    above = slice(columns.stop, None) if uphill > 0 else slice(0, columns.start)
-    moving = (early - np.median(early, axis=0))[:, rows, above]
-    if moving.shape[2] <= body.shape[1]:
-        return False
-    heights = []
-    for frame in moving:
-        likeness = cv2.matchTemplate(frame, body, cv2.TM_CCOEFF_NORMED)[0]
-        if float(likeness.max()) > COMES:
-            heights.append(uphill * int(np.argmax(likeness)))
+    heights = _seen_beside(stack[: place.split], stack[place.split :], place, uphill)
     steps = np.diff(heights)
     down = -float(steps.sum())
     return len(heights) >= FEWEST and down > place.length / 4 and down > STEADILY * float(np.abs(steps).sum())
+
+
+def _times_seen_lower(stack: npt.NDArray[np.float32], place: _Gone, uphill: int) -> int:
+    """Number of later frames that show what left a position further down the plate."""
+    return len(_seen_beside(stack[place.split :], stack[: place.split], place, -uphill))
+
+
+def _seen_beside(
+    frames: npt.NDArray[np.float32], with_body: npt.NDArray[np.float32], place: _Gone, side: int
+) -> list[int]:
+    """Distances along the plate [px] at which `frames` show the body that lies at `place` in `with_body`.
+
+    On one side of the place (1: increasing columns); frames that do not show it there are left out.
+    """
+    y, x = np.nonzero(place.mask)
+    rows, columns = slice(int(y.min()), int(y.max()) + 1), slice(int(x.min()), int(x.max()) + 1)
+    bare = np.median(frames, axis=0)
+    body = (np.median(with_body, axis=0) - bare)[rows, columns]
+    beside = slice(columns.stop, None) if side > 0 else slice(0, columns.start)
+    moving = (frames - bare)[:, rows, beside]
+    if moving.shape[2] <= body.shape[1]:
+        return []
+    found = []
+    for frame in moving:
+        likeness = cv2.matchTemplate(frame, body, cv2.TM_CCOEFF_NORMED)[0]
+        at = int(np.argmax(likeness))
+        # faint patterns of the background are alike by chance
+        clear = np.std(frame[:, at : at + body.shape[1]]) > CONTRAST * np.std(body)
+        if likeness[at] > COMES and clear:
+            found.append(side * at)
+    return found
 
 
 def _outline(mask: npt.NDArray[np.bool_], contrast: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:

@@ -113,7 +113,7 @@ def find_run(way: Way) -> Run | None:
 
 
 def find_onset(way: Way, run: Run) -> Onset | None:
-    """The onset of a run; None if too few points lie before or in it."""
+    """The onset of a run; None if too few points lie before, at or in it."""
     table = _window(way, run)
     if table is None:
         return None
@@ -440,8 +440,8 @@ def _scatter(residual: Array, own: Array, far: Array) -> _Scatter:
     return _Scatter(noise, noise * math.sqrt(together), kept)
 
 
-def _summary(way: Way, table: _Table, found: _Candidates, noise: float, under_way: float) -> Onset:
-    """Weighted mean and spread over all candidates."""
+def _summary(way: Way, table: _Table, found: _Candidates, noise: float, under_way: float) -> Onset | None:
+    """Weighted mean and spread over all candidates; None if the onset lies in a gap of the record."""
     weight = found.weight
 
     def average(values: Array, own: Array | float = 0.0) -> tuple[float, float]:
@@ -453,6 +453,8 @@ def _summary(way: Way, table: _Table, found: _Candidates, noise: float, under_wa
     angles = np.interp(found.onset, table.time, table.angle)
     angle, angle_sigma = average(angles)
     near = np.abs(table.time - time) < max(8 * table.step, 0.05)
+    if np.sum(near) < 2:
+        return None
     rate = float(np.polyfit(table.time[near], table.angle[near], 1)[0])
     friction = np.tan(angles) - found.answer[:, 4] / found.answer[:, 2]
     moving, moving_sigma = average(friction, np.nan_to_num(found.variance[:, 4]))
