@@ -182,7 +182,8 @@ def mark_fit(picture: Image, seen: Chase, bounces: Bounces, measurement: Measure
     for x, y in zip(x_at, y_at, strict=True):
         draw_cross(picture, (float(x), float(y)), 5, RED)
     apexes = np.clip(bounces.apex_times, time[0], time[-1])
-    for text, apex, contact in zip(_apex_texts(measurement), apexes, [contacts[0], *contacts], strict=True):
+    # in metres, with the air drag, fewer of the bounces may be fitted than in the picture
+    for text, apex, contact in zip(_apex_texts(measurement), apexes, [contacts[0], *contacts], strict=False):
         x = float(np.interp(apex, time, places[:, 0])) * zoom
         lowest = float(-bounces.level(np.array([contact]))[0])
         y = float(np.interp(apex, time, places[:, 1]))

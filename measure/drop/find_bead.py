@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, Seed
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Track
@@ -23,9 +24,13 @@ from rigtwin.measure.drop.select_path import join_flights, likeness
 from rigtwin.measure.media.frame_loss import Loss, in_time
 from rigtwin.measure.media.video import Video
 from rigtwin.measure.scene.background import learn_scene
-from rigtwin.measure.tracking.find_paths import find_paths
+from rigtwin.measure.tracking.find_paths import Movement, find_paths
 from rigtwin.measure.tracking.follow import Chase, chase_path, look_again
+from rigtwin.measure.tracking.link import SpotPath
+from rigtwin.measure.tracking.search_by_look import paths_by_look, picture_at, picture_on_path
 
+WHOLE = 0.9  # minimum share of the frames from the first to the last sighting in which the bead is seen
+FEWEST_SEEN = 8  # a track must have more points
 AS_WELL, AS_BRIGHT = 1.3, 0.7  # limits for an unoccluded bead: largest misfit, smallest contrast, over the median
 
 STREAK_OFF = (
@@ -52,15 +57,14 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
     """
     scene = learn_scene(video, quickly=True).scene()
     moves = find_paths(video, scene, camera.region, progress)
-    paths, doubled = moves.paths, moves.repeated | video.skipped
+    doubled = moves.repeated | video.skipped
     size = None
     if bead_diameter is not None and camera.given_scale is not None:
         size = bead_diameter / 2 / camera.given_scale
-    ranked = sorted(paths, key=lambda path: -likeness(path, size))
-    joined = join_flights(ranked, size)
-    ranked = ranked if joined is None else [joined, *ranked]
-    best_likeness = max((likeness(path, size) for path in ranked), default=0.0)
-    likely = [path for path in ranked[:3] if likeness(path, size) > 0.02 * best_likeness]
+    if camera.bead_at is not None:
+        ranked = likely = [_path_stated(video, moves, camera, camera.bead_at, size, progress)]
+    else:
+        ranked, likely = _likely(moves.paths, size)
     if not likely and camera.region is not None:
         region = ",".join(f"{side:g}" for side in camera.region)
         raise NothingToMeasure(
@@ -72,27 +76,103 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
             f"{video.path}: nothing falls in this clip (frames {video.first} to {video.last}); film the bead with a "
             "still camera, or narrow the search with --region, --start and --end."
         )
-    best, bouncing = None, []
+    tried: list[_Tried] = []
     for path in likely:
-        found = _in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)
-        if len(found.pixels.time) > 8 and best is None:
-            best = found
-        if found.fitted is not None:
-            bouncing.append((residual_check(found.fitted), found, found.fitted))
-            if bouncing[-1][0].passed:
-                break
-    if bouncing:
-        # other moving things may seem to bounce, but hardly in free flight
-        _, found, fitted = min(bouncing, key=lambda each: (not each[0].passed, each[0].value))
-        expected = _expected(found.seen, found.pixels, fitted, found.video)
+        tried.append(_tried(_in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)))
+        if tried[-1].sound:
+            break
+    if not any(each.sound and each.whole for each in tried) and camera.bead_at is None:
+        # a shadow joins the bead's spot, or an object before it splits it: its picture tells them apart
+        bead = picture_on_path(video, ranked[0], moves)
+        again = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
+        for path in sorted(again, key=lambda path: -likeness(path, size))[:1]:
+            tried.append(_tried(_in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)))
+    best = min(tried, key=lambda each: each.rank)
+    found = best.found
+    if found.fitted is not None:
+        expected = _expected(found.seen, found.pixels, found.fitted, found.video)
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
         return replace(found, seen=better, pixels=_pixel_track(better))
-    if best is None:
+    if len(found.pixels.time) <= FEWEST_SEEN:
         raise NothingToMeasure(
             f"{video.path}: something moves, but no bead could be located in it; use a larger or better lit picture "
             "of the bead, or narrow the search with --region."
         )
-    return best
+    return found
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A path that was followed, and how well it shows a bouncing bead."""
+
+    found: _Found
+    sound: bool  # it bounces in free flight
+    whole: bool  # the bead was seen in nearly all frames from the first to the last one
+    rank: tuple[float, ...]  # the least is the best
+
+
+def _tried(found: _Found) -> _Tried:
+    frames = [sighting.frame for sighting in found.seen.sightings]
+    span = frames[-1] - frames[0] + 1 if frames else 1
+    if found.fitted is None:
+        return _Tried(found, False, False, (2, -len(frames)))
+    check = residual_check(found.fitted)
+    # other moving things may seem to bounce, but hardly in free flight
+    whole = len(frames) >= WHOLE * span
+    rank = (0, not whole, -found.fitted.count, check.value) if check.passed else (1, check.value)
+    return _Tried(found, check.passed, whole, rank)
+
+
+def _likely(paths: Sequence[SpotPath], size: float | None) -> tuple[list[SpotPath], list[SpotPath]]:
+    """All paths by their likeness to that of a bouncing bead of this radius [px], and those worth following."""
+    ranked = sorted(paths, key=lambda path: -likeness(path, size))
+    joined = join_flights(ranked, size)
+    first = ranked if joined is None else [joined, *ranked]
+    best = max((likeness(path, size) for path in first), default=0.0)
+    return ranked, [path for path in first[:3] if likeness(path, size) > 0.02 * best]
+
+
+def _path_stated(
+    video: Video, moves: Movement, camera: Camera, seed: Seed, size: float | None, progress: Progress
+) -> SpotPath:
+    """The path of what looks like the bead at the stated place and is there in the stated frame."""
+    where = f"--bead-at {seed.frame}:{seed.at[0]:g},{seed.at[1]:g}"
+    if not video.first <= seed.frame <= video.last:
+        raise NothingToMeasure(
+            f"{video.path}: {where} is outside the frames that are measured, {video.first} to {video.last}."
+        )
+    radius = size if size is not None else _radius_at(moves.paths, seed)
+    if radius is None:
+        raise NothingToMeasure(
+            f"{video.path}: nothing that moves is seen at {where}; state the bead's centre in a frame in which it flies."
+        )
+    bead = picture_at(video, seed.frame, seed.at, radius, moves)
+    paths = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
+    away = {
+        k: math.dist(path.centres[path.frames.index(seed.frame)], seed.at)
+        for k, path in enumerate(paths)
+        if seed.frame in path.frames
+    }
+    nearest = min(away, key=lambda k: away[k], default=None)
+    if nearest is None or away[nearest] > 2 * radius:
+        raise NothingToMeasure(
+            f"{video.path}: what is seen at {where} is not found again in the frames before and after it; state the "
+            "bead's centre in a frame that shows it clearly."
+        )
+    return paths[nearest]
+
+
+def _radius_at(paths: Sequence[SpotPath], seed: Seed) -> float | None:
+    """Radius [px] of the moving object at the stated place; None if nothing moves there."""
+    spots = [
+        path.spots[path.frames.index(seed.frame)] for path in paths if seed.frame in path.frames
+    ]
+    there = [
+        spot
+        for spot in spots
+        if abs(spot.x - seed.at[0]) <= spot.width / 2 + 2 and abs(spot.y - seed.at[1]) <= spot.height / 2 + 2
+    ]
+    return min((min(spot.width, spot.height) / 2 for spot in there), default=None)
 
 
 def _in_true_time(video: Video, seen: Chase, repeats: frozenset[int], drag: AirDrag) -> _Found:

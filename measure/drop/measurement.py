@@ -6,15 +6,19 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import NothingToMeasure, RigtwinError
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, failed
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed
+from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.lab.tracked.read import read_bodies, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.lab.tracked.upright import by_fall
+from rigtwin.measure.drop.bounce_fit import Bounces
 from rigtwin.measure.drop.checks import (
     size_check,
     view_checks,
@@ -22,6 +26,7 @@ from rigtwin.measure.drop.checks import (
 from rigtwin.measure.drop.evaluate import bounces_of, evaluate_bounces, rate_of, readable
 from rigtwin.measure.drop.fall_in_air import AirDrag
 from rigtwin.measure.drop.find_bead import find_bead
+from rigtwin.measure.drop.line_of_sight import Depth, at_first_contact, find_depth, in_plane, with_depth
 from rigtwin.measure.drop.scale import (
     SCALE_UNCERTAINTY,
     Gauge,
@@ -152,21 +157,39 @@ def _measure_film(
     video = at_its_pace(open_video(clip, camera), progress)
     found = find_bead(video, camera, drag, bead_diameter, progress)
     video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
-    fitted = bounces_of(pixels, drag, str(clip), filmed=True)
-    gauge = find_gauge(pixels, fitted, seen, camera, bead_diameter)
-    track = to_metres(pixels, fitted, gauge)
-    if bead_diameter is None:
-        drag = AirDrag(2 * seen.radius * gauge.scale, bead_density)
-    bounces = bounces_of(track, drag, str(clip), in_metres=True, filmed=True)
-    evaluation = evaluate_bounces(
-        track,
-        bounces,
-        scale_uncertainty=gauge.uncertainty,
-        rate=video.frame_rate,
-        repeats=len(repeats - video.skipped),
-        losses=found.losses,
-    )
+    in_picture = bounces_of(pixels, drag, str(clip), filmed=True)
+    depth = find_depth(seen, pixels, in_picture)
+    if depth is not None:
+        first = float(np.interp(in_picture.contact_times[0], video.times, np.arange(len(video.times))))
+        seen = at_first_contact(seen, depth, first)
+
+    def evaluated(depth: Depth | None) -> tuple[Gauge, Bounces, Track, AirDrag, Bounces, Evaluation]:
+        """Scale, bounces in pixels, track, air drag, bounces and quantities, with this motion along the line of sight."""
+        flat = pixels if depth is None else in_plane(pixels, depth)
+        fitted = in_picture if depth is None else bounces_of(flat, drag, str(clip), filmed=True)
+        gauge = find_gauge(flat, fitted, seen, camera, bead_diameter)
+        track = to_metres(flat, fitted, gauge)
+        used = AirDrag(2 * seen.radius * gauge.scale, bead_density) if bead_diameter is None else drag
+        bounces = bounces_of(track, used, str(clip), in_metres=True, filmed=True)
+        evaluation = evaluate_bounces(
+            track,
+            bounces,
+            scale_uncertainty=gauge.uncertainty,
+            rate=video.frame_rate,
+            repeats=len(repeats - video.skipped),
+            losses=found.losses,
+        )
+        return gauge, fitted, track, used, bounces, evaluation
+
+    gauge, fitted, track, drag, bounces, evaluation = evaluated(depth)
+    if depth is not None:
+        others = [evaluated(other)[-1].quantities for other in depth.varied()]
+        evaluation = replace(
+            evaluation, quantities=tuple(with_depth(quantity, others) for quantity in evaluation.quantities)
+        )
     checks = _with_gravity_judged(evaluation.checks, gauge) + view_checks(video, seen, fitted, repeats)
+    if depth is not None:
+        checks = (*checks, depth.check)
     if camera.roll is not None:
         checks = (*checks, roll_check(camera.roll, *gauge.fall, "the bead's fall shows"))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
@@ -201,7 +224,7 @@ def _measure_film(
         return measurement
     from rigtwin.measure.drop.figures import write_pictures
 
-    files = write_pictures(out, measurement, bounces, fitted, video, seen, progress)
+    files = write_pictures(out, measurement, bounces, in_picture, video, seen, progress)
     return replace(measurement, files=files)
 
 

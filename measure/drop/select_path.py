@@ -33,8 +33,11 @@ def join_flights(paths: list[SpotPath], size: float | None) -> SpotPath | None:
     frames: dict[int, int] = {}
     chosen: list[SpotPath] = []
     for arc in sorted(arcs, key=lambda arc: -arc.weight):
-        alike = abs(arc.acceleration - best.acceleration) < 0.1 * best.acceleration + 3 * arc.sigma
-        same = 0.6 < arc.path.radius / best.path.radius < 1.7
+        # a bead that comes nearer to the camera seems larger and faster by the same factor
+        larger = arc.path.radius / best.path.radius
+        expected = (best.acceleration, larger * best.acceleration)
+        alike = min(abs(arc.acceleration - each) for each in expected) < 0.1 * best.acceleration + 3 * arc.sigma
+        same = 0.6 < larger < 1.7
         free = [k for k, frame in enumerate(arc.path.frames) if frame not in frames]
         if alike and same and len(free) > 0.7 * len(arc.path.frames):
             frames.update(dict.fromkeys(arc.path.frames, 1))

@@ -16,9 +16,10 @@ from rigtwin.lab.arrays import Array, GreyImage, Mask
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.media.video import Frame, Video
 from rigtwin.measure.scene.background import Background
+from rigtwin.measure.robust import mad_std
 from rigtwin.measure.scene.pose import Pose, rounded, shakes_of
 from rigtwin.measure.scene.scene import Scene
-from rigtwin.measure.tracking.bead_image import Look
+from rigtwin.measure.tracking.bead_image import BeadFit, Look
 from rigtwin.measure.tracking.colour_channel import LUMA, best_channel, luma_is_clear
 from rigtwin.measure.tracking.consistency import in_steady_light, scatter
 from rigtwin.measure.tracking.cutouts import (
@@ -47,7 +48,34 @@ from rigtwin.measure.tracking.find_paths import Movement
 from rigtwin.measure.tracking.link import SpotPath, place_on
 from rigtwin.measure.tracking.refine import common_look, fit_bead
 
+GROWS = 0.03  # minimum relative change of the apparent size over a path: below, the fit's own freedom of 1 % covers it
+SURELY = 4.0  # minimum of that change over its standard uncertainty
+FEWEST_SIZES = 10  # minimum number of radii for their change over time
 BADLY = 2.0  # times the median misfit; a fit above it may be at a wrong position
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Apparent size of a bead that moves towards the camera or away from it.
+
+    At constant speed along the line of sight, 1 / size is linear in time (pinhole camera).
+    """
+
+    rate: float = 0.0  # [1/frame], of 1 / size
+    rate_sigma: float = math.inf  # standard uncertainty
+    middle: float = 0.0  # frame in which the size is 1
+
+    def size(self, frame: Array | float) -> Array:
+        """Size relative to the frame `middle`."""
+        return np.asarray(1 / np.maximum(1 + self.rate * (np.asarray(frame) - self.middle), 0.2))
+
+    @property
+    def known(self) -> bool:
+        """Whether the bead changes its size at all."""
+        return self.rate != 0
+
+
+STEADY = Growth()
 
 
 @dataclass(frozen=True)
@@ -63,6 +91,7 @@ class Chase:
     cuts: tuple[Cut, ...] = field(repr=False)
     look: Look | None = field(repr=False)
     hidden: Mask | None = field(repr=False)
+    growth: Growth = STEADY
 
     @property
     def shakes(self) -> Array:
@@ -92,18 +121,43 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
     radius = float(np.median([sighting.image.radius for sighting in good]))
     # learn the look from slow frames; motion blur hides it in fast ones
     slow = sorted(few, key=lambda cut: math.hypot(*cut.step))[: max(15, len(few) // 2)]
-    look = None
+    look, growth = None, _growth(good)
     for _ in range(2):
-        calm = _fit_cuts(slow, scene, radius, shutter=shutter, hidden=hidden, progress=progress)
+        calm = _fit_cuts(slow, scene, radius, growth=growth, shutter=shutter, hidden=hidden, progress=progress)
         if len(calm) < 3:
             break
-        look = common_look([sighting.fit for sighting in calm])
+        look = common_look([_at_size_one(sighting, growth) for sighting in calm])
         radius = look.radius
         cuts, slow = (_moved_by(_off(calm, slow), some) for some in (cuts, slow))
-        shutter = measured_shutter(cuts, path, scene, look, hidden, shutter)
-    sightings = _fit_cuts(cuts, scene, radius, shutter=shutter, hidden=hidden, look=look, progress=progress)
-    found = Chase(tuple(sightings), path, poses, shutter, radius, scene, tuple(cuts), look, hidden)
+        shutter = measured_shutter(cuts, path, scene, look, hidden, shutter, growth)
+    sightings = _fit_cuts(
+        cuts, scene, radius, growth=growth, shutter=shutter, hidden=hidden, look=look, progress=progress
+    )
+    found = Chase(tuple(sightings), path, poses, shutter, radius, scene, tuple(cuts), look, hidden, growth)
     return _steadied(found if look is None else _started_again(found))
+
+
+def _growth(sightings: Sequence[Sighting]) -> Growth:
+    """Change of the apparent size over sightings whose radii were fitted one by one; none unless it is significant."""
+    from scipy.stats import theilslopes
+
+    frames = np.array([sighting.frame for sighting in sightings], dtype=np.float64)
+    inverse = 1 / np.array([sighting.image.radius for sighting in sightings])
+    if len(frames) < FEWEST_SIZES:
+        return STEADY
+    slope, base, *_ = theilslopes(inverse, frames)
+    scatter = mad_std(inverse - base - slope * frames, centre=0.0)
+    sigma = scatter / (math.sqrt(len(frames)) * max(float(np.std(frames)), 1e-9))
+    middle = float(np.median(frames))
+    usual = float(base + slope * middle)
+    growth = Growth(float(slope) / usual, sigma / usual, middle)
+    change = abs(growth.rate) * float(np.ptp(frames))
+    return growth if change > GROWS and abs(growth.rate) > SURELY * growth.rate_sigma else STEADY
+
+
+def _at_size_one(sighting: Sighting, growth: Growth) -> BeadFit:
+    size = float(growth.size(sighting.frame))
+    return replace(sighting.fit, look=replace(sighting.fit.look, radius=sighting.fit.look.radius / size))
 
 
 def _started_again(chase: Chase) -> Chase:
@@ -261,6 +315,7 @@ def _fit_again(chase: Chase, cuts: Sequence[Cut]) -> list[Sighting]:
         shutter=chase.shutter,
         hidden=chase.hidden,
         look=chase.look,
+        growth=chase.growth,
         surely_near=True,
         progress=silent,
     )
@@ -306,6 +361,7 @@ def _fit_cuts(
     shutter: Shutter = NOT_MEASURED,
     hidden: Mask | None = None,
     look: Look | None = None,
+    growth: Growth = STEADY,
     room: float | None = None,
     surely_near: bool = False,
     streaks_held: bool = False,
@@ -313,17 +369,18 @@ def _fit_cuts(
 ) -> list[Sighting]:
     found: list[Sighting] = []
     for done, cut in enumerate(cuts):
+        size = float(growth.size(cut.frame))
         ahead = _onwards(found[-3:], cut.frame)
         window = np.s_[cut.top : cut.top + cut.grey.shape[0], cut.left : cut.left + cut.grey.shape[1]]
         fit = fit_bead(
             cut.grey,
             scene.picture[window],
             (cut.near[0] - cut.left, cut.near[1] - cut.top),
-            radius,
+            radius * size,
             blur_guess=shutter.streak(cut.step),
             blur_uncertainty=None if streaks_held else shutter.streak_uncertainty(cut.step),
             hidden=None if hidden is None else hidden[window],
-            look=look,
+            look=None if look is None else replace(look, radius=look.radius * size),
             room=room,
             surely_near=surely_near,
             onwards=None if ahead is None else (ahead[0] - cut.left, ahead[1] - cut.top),
@@ -344,7 +401,13 @@ def _onwards(last: Sequence[Sighting], frame: int) -> tuple[float, float] | None
 
 
 def measured_shutter(
-    cuts: Sequence[Cut], path: SpotPath, scene: Scene, look: Look, hidden: Mask | None, known: Shutter = NOT_MEASURED
+    cuts: Sequence[Cut],
+    path: SpotPath,
+    scene: Scene,
+    look: Look,
+    hidden: Mask | None,
+    known: Shutter = NOT_MEASURED,
+    growth: Growth = STEADY,
 ) -> Shutter:
     """The exposure time with the smallest misfit in the fastest frames of a path, searched near `known` if set."""
     ways = fast_frames(path)
@@ -352,12 +415,14 @@ def measured_shutter(
     if len(fast) < 3:
         return NOT_MEASURED
     tried = np.maximum(known.share + CLOSER, LEAST_SHARE * np.arange(1, len(CLOSER) + 1)) if known.measured else TRIED
-    misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden)
+    misfits = _misfits(fast, tried, max(ways.values()) / 2, scene, look, hidden, growth)
     found = shutter_of(tried[: len(misfits)], misfits, np.array([ways[cut.frame] for cut in fast]))
     return found if known.measured else replace(found, uncertainty=math.hypot(found.uncertainty, ROUGHLY))
 
 
-def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None) -> Array:
+def _misfits(
+    fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look: Look, hidden: Mask | None, growth: Growth
+) -> Array:
     """Misfits [grey levels] with streaks of the shares in `tried`, shape (shares, cuts).
 
     All shares use the same pixels, with a margin `room` [px] for the longest streak; otherwise a patch with more
@@ -373,6 +438,7 @@ def _misfits(fast: Sequence[Cut], tried: Array, room: float, scene: Scene, look:
             shutter=Shutter(share, 0.0),
             hidden=hidden,
             look=look,
+            growth=growth,
             room=room,
             surely_near=bool(misfits),
             streaks_held=True,
