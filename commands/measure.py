@@ -23,7 +23,7 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
-@filmed(*FILM)
+@filmed(*FILM, "bead_at")
 @tracked
 def measure_drop(
     clip: Annotated[
@@ -86,7 +86,7 @@ def measure_pendulum(
 
 @app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
-@filmed(*FILM)
+@filmed(*FILM, "plate", "bead_at")
 @tracked
 def measure_tilt(
     clip: Annotated[

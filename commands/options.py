@@ -156,7 +156,7 @@ CAMERA: dict[str, Any] = {
     ],
     "bead_at": Annotated[
         Any,
-        _read_by("seed", "--bead-at", "frame:x,y", "Where the bead is in one frame (pixels); its track begins there."),
+        _read_by("seed", "--bead-at", "frame:x,y", "The bead's centre in one frame (pixels); it is followed."),
     ],
     "plate": Annotated[
         Any, _read_by("line", "--plate", "x1,y1,x2,y2", "Two points of the plate's surface (pixels; first frame).")

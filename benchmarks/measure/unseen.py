@@ -152,8 +152,9 @@ def settings(kind: str, given: JsonObject) -> dict[str, str]:
     return options
 
 
-def clicks(truth: JsonObject, kind: str, rng: np.random.Generator) -> dict[str, str]:
-    """Option and places as clicked, `x1,y1,x2,y2` [px]."""
+def clicks(truth: JsonObject, given: JsonObject, rng: np.random.Generator) -> dict[str, str]:
+    """Options and places as clicked [px]."""
+    kind, more = given["kind"], dict[str, str]()
     if kind == "pile":
         option, ends = "base", np.array([*truth["base_left_px"], *truth["base_right_px"]])
     elif kind == "packing":
@@ -167,9 +168,19 @@ def clicks(truth: JsonObject, kind: str, rng: np.random.Generator) -> dict[str, 
             )
         axis = np.array(truth["floor_px_axis"])
         ends = np.concatenate([axis - away, axis + away])
+    elif kind == "tilt":
+        _, angle, _, x, y = truth["rows"][0]
+        turn = -math.radians(angle + truth["camera_roll_deg"])
+        # the surface is half a bead below the body's centre; seen from the hinge to the body
+        below = given["bead_diameter_mm"] / 2000 / truth["m_per_px_bead_plane"]
+        under = np.array([x - below * math.sin(turn), y + below * math.cos(turn)])
+        back = (truth["hinge_px"][0] - x) * np.array([1.0, math.tan(turn)])
+        ends = np.concatenate(sorted([under, under + back], key=lambda end: float(end[0])))
+        at = np.array([x, y]) + rng.normal(0.0, CLICK, 2)
+        option, more = "plate", {"bead_at": f"0:{at[0]:.1f},{at[1]:.1f}"}
     else:
         return {}
-    return {option: ",".join(f"{value:.1f}" for value in ends + rng.normal(0.0, CLICK, 4))}
+    return more | {option: ",".join(f"{value:.1f}" for value in ends + rng.normal(0.0, CLICK, 4))}
 
 
 def outcomes(folder: Path, *, by_hand: bool) -> list[Outcome]:
@@ -180,7 +191,7 @@ def outcomes(folder: Path, *, by_hand: bool) -> list[Outcome]:
     if by_hand:
         # every folder has its own sequence, so that --only does not change the clicks
         seed = np.random.SeedSequence([SEED, *folder.name.encode()])
-        options |= clicks(truth, kind, np.random.default_rng(seed))
+        options |= clicks(truth, given, np.random.default_rng(seed))
     wanted = list(targets(kind, truth))
     blank = [Outcome(folder.name, one.name, one.unit, one.truth, one.tolerance) for one in wanted]
     start = time.process_time()

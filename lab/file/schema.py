@@ -271,8 +271,8 @@ class ContactEntry(_Entry):
 
 _OF_CAMERA = [field.name for field in fields(camera.Camera)]
 _ONLY_OF: dict[str, tuple[str, ...]] = {
-    "bead_at": (),
-    "plate": (),
+    "bead_at": ("drop", "tilt"),
+    "plate": ("tilt",),
     "pivot": (),
     "base": ("pile",),
     "flank": ("pile",),

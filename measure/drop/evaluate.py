@@ -29,6 +29,8 @@ HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "
 
 GAIN = "a restitution above 1 is not possible: the track is wrong there"
 
+CLOCK = 0.01  # standard uncertainty of the time of a frame over the frame interval: clock, begin of the exposure
+
 ONE_VIEW = "seen from one side: motion along the line of sight is not measured"
 
 SPUN = "the body leaves the plate faster than it came down: its spin adds to the rebound, which is no restitution"
@@ -215,7 +217,7 @@ def evaluate_bounces(
     turns = side is not None
     wrong_from = math.inf if turns else _wrong_from(bounces)
     quantities = [
-        *_restitutions(bounces, failed, along, wrong_from),
+        *_restitutions(bounces, failed, along, wrong_from, rate),
         *_heights(bounces, scale_uncertainty, failed, wrong_from),
     ]
     return Evaluation(tuple(quantities), checks)
@@ -247,7 +249,7 @@ def _slope(time: Array, x: Array) -> tuple[float, float]:
 
 
 def _restitutions(
-    bounces: Bounces, failed: dict[str, str], along: Sequence[_Along], wrong_from: float
+    bounces: Bounces, failed: dict[str, str], along: Sequence[_Along], wrong_from: float, rate: float
 ) -> list[Quantity]:
     reason = "; ".join(failed[name] for name in ("first_fall", "flight_residuals", "frame_timing") if name in failed)
     height_reason = "; ".join(text for text in (reason, failed.get("out_of_plane", "")) if text)
@@ -270,7 +272,11 @@ def _restitutions(
             _quantity("restitution_wall", by_speed, "1", "velocity", detail, speed_reason),
         ]
         if k > 1:
-            mine.append(_quantity("restitution_wall", bounces.read(_time_ratio(k)), "1", "time", detail, height_reason))
+            ratio, of_time = bounces.read(_time_ratio(k))
+            # three contacts bound the two flights
+            flight = float(bounces.model.reader(bounces.parameters).flight_times[k - 2])
+            of_time["frame times"] = CLOCK / rate * math.hypot(1.0, 1 + ratio, ratio) / flight
+            mine.append(_quantity("restitution_wall", (ratio, of_time), "1", "time", detail, height_reason))
         gains = GAIN if k >= wrong_from else SPUN if along and _gains(bounces, k) else ""
         found += [doubted(quantity, gains) for quantity in mine]
         found += [

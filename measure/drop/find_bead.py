@@ -30,6 +30,7 @@ from rigtwin.measure.tracking.link import SpotPath
 from rigtwin.measure.tracking.search_by_look import paths_by_look, picture_at, picture_on_path
 
 WHOLE = 0.9  # minimum share of the frames from the first to the last sighting in which the bead is seen
+NOISIER = 2.0  # factor on the least noise of all paths up to which the number of bounces decides
 FEWEST_SEEN = 8  # a track must have more points
 AS_WELL, AS_BRIGHT = 1.3, 0.7  # limits for an unoccluded bead: largest misfit, smallest contrast, over the median
 
@@ -81,14 +82,14 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         tried.append(_tried(_in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)))
         if tried[-1].sound:
             break
-    if not any(each.sound and each.whole for each in tried) and camera.bead_at is None:
+    if not (tried[0].sound and tried[0].whole) and camera.bead_at is None:
         # a shadow joins the bead's spot, or an object before it splits it: its picture tells them apart
         bead = picture_on_path(video, ranked[0], moves)
         again = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
         for path in sorted(again, key=lambda path: -likeness(path, size))[:1]:
-            tried.append(_tried(_in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)))
-    best = min(tried, key=lambda each: each.rank)
-    found = best.found
+            seen = chase_path(video, path, moves, progress, shadows=True)
+            tried.append(_tried(_in_true_time(video, seen, doubled, drag)))
+    found = _best(tried)
     if found.fitted is not None:
         expected = _expected(found.seen, found.pixels, found.fitted, found.video)
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
@@ -108,19 +109,28 @@ class _Tried:
     found: _Found
     sound: bool  # it bounces in free flight
     whole: bool  # the bead was seen in nearly all frames from the first to the last one
-    rank: tuple[float, ...]  # the least is the best
 
 
 def _tried(found: _Found) -> _Tried:
     frames = [sighting.frame for sighting in found.seen.sightings]
     span = frames[-1] - frames[0] + 1 if frames else 1
-    if found.fitted is None:
-        return _Tried(found, False, False, (2, -len(frames)))
-    check = residual_check(found.fitted)
+    sound = found.fitted is not None and residual_check(found.fitted).passed
+    return _Tried(found, sound, len(frames) >= WHOLE * span)
+
+
+def _best(tried: Sequence[_Tried]) -> _Found:
+    """The path with the most bounces among those that are free flights with little noise."""
+    bouncing = [(each, each.found.fitted) for each in tried if each.found.fitted is not None]
+    if not bouncing:
+        return max(tried, key=lambda each: len(each.found.seen.sightings)).found
     # other moving things may seem to bounce, but hardly in free flight
-    whole = len(frames) >= WHOLE * span
-    rank = (0, not whole, -found.fitted.count, check.value) if check.passed else (1, check.value)
-    return _Tried(found, check.passed, whole, rank)
+    grade = max((each.sound, each.whole) for each, _ in bouncing)
+    likely = [(each.found, fitted) for each, fitted in bouncing if (each.sound, each.whole) == grade]
+    least = min(fitted.noise for _, fitted in likely)
+    return max(
+        ((found, fitted) for found, fitted in likely if fitted.noise <= NOISIER * least),
+        key=lambda each: (each[1].count, -each[1].noise),
+    )[0]
 
 
 def _likely(paths: Sequence[SpotPath], size: float | None) -> tuple[list[SpotPath], list[SpotPath]]:
@@ -144,7 +154,7 @@ def _path_stated(
     radius = size if size is not None else _radius_at(moves.paths, seed)
     if radius is None:
         raise NothingToMeasure(
-            f"{video.path}: nothing that moves is seen at {where}; state the bead's centre in a frame in which it flies."
+            f"{video.path}: nothing that moves is seen at {where}; state its centre in a frame in which it flies."
         )
     bead = picture_at(video, seed.frame, seed.at, radius, moves)
     paths = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
@@ -164,9 +174,7 @@ def _path_stated(
 
 def _radius_at(paths: Sequence[SpotPath], seed: Seed) -> float | None:
     """Radius [px] of the moving object at the stated place; None if nothing moves there."""
-    spots = [
-        path.spots[path.frames.index(seed.frame)] for path in paths if seed.frame in path.frames
-    ]
+    spots = [path.spots[path.frames.index(seed.frame)] for path in paths if seed.frame in path.frames]
     there = [
         spot
         for spot in spots

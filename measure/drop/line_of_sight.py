@@ -21,6 +21,7 @@ from rigtwin.measure.robust import mad_std
 from rigtwin.measure.tracking.follow import Chase, Growth
 
 HORIZON = 0.25  # prior standard deviation of the row of the horizon about the middle, over the picture's height
+FARTHEST = 0.75  # largest distance of the horizon from the middle over the picture's height, three deviations
 LEVEL = 0.5  # [px], standard uncertainty of the plate's level at a contact
 FINEST = 1e-3  # lower limit of the relative scatter of the radii
 SLOWLY = 0.02  # prior standard deviation of the relative change of 1 / size from flight to flight, per flight
@@ -56,7 +57,7 @@ class Depth:
 
 
 def find_depth(seen: Chase, pixels: Track, fitted: Bounces) -> Depth | None:
-    """The distance over time; None if the size of the bead's image does not change.
+    """The distance over time; None if the size of the bead's image is constant, or the plate's level contradicts it.
 
     `fitted` are the bounces of the track `pixels` as it is seen [px, y up].
     """
@@ -84,6 +85,8 @@ def find_depth(seen: Chase, pixels: Track, fitted: Bounces) -> Depth | None:
     unsure = seen.growth.rate_sigma / abs(seen.growth.rate)
     depth = Depth(knots, nodes / first, usual / first, middle, unsure, HORIZON * height)
     row, sigma = _horizon(depth, fitted, height)
+    if abs(row - middle[1]) > FARTHEST * height:
+        return None
     return replace(depth, centre=(middle[0], row), horizon_sigma=sigma)
 
 
@@ -116,9 +119,10 @@ def at_first_contact(seen: Chase, depth: Depth, frame: float) -> Chase:
 
 def with_depth(quantity: Quantity, others: Sequence[Sequence[Quantity]]) -> Quantity:
     """The quantity with the part of the depth in its budget: changes by each uncertainty of the depth, in `others`."""
-    key = quantity.quantity, quantity.method, quantity.detail.get("bounce")
-    values = [
-        other.value for found in others for other in found if (other.quantity, other.method, other.detail.get("bounce")) == key
-    ]
+
+    def key(one: Quantity) -> tuple[object, ...]:
+        return one.quantity, one.method, one.detail.get("bounce")
+
+    values = [other.value for found in others for other in found if key(other) == key(quantity)]
     budget = {**quantity.budget, "line of sight": math.hypot(*(value - quantity.value for value in values))}
     return replace(quantity, budget=budget, std_uncertainty=root_sum_of_squares(budget))

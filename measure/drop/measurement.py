@@ -164,7 +164,7 @@ def _measure_film(
         seen = at_first_contact(seen, depth, first)
 
     def evaluated(depth: Depth | None) -> tuple[Gauge, Bounces, Track, AirDrag, Bounces, Evaluation]:
-        """Scale, bounces in pixels, track, air drag, bounces and quantities, with this motion along the line of sight."""
+        """Scale, bounces in pixels, track, air drag, bounces and quantities, with this depth."""
         flat = pixels if depth is None else in_plane(pixels, depth)
         fitted = in_picture if depth is None else bounces_of(flat, drag, str(clip), filmed=True)
         gauge = find_gauge(flat, fitted, seen, camera, bead_diameter)
@@ -217,7 +217,8 @@ def _measure_film(
             "exposure_fraction": seen.shutter.share if seen.shutter.measured else None,
             "exposure_fraction_std": seen.shutter.uncertainty if seen.shutter.measured else None,
             "bead_radius_px": seen.radius,
-        },
+        }
+        | camera.stated_view,
         tracks=(track,),
     )
     if out is None:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rigtwin.lab.arrays import Array, FloatImage
+from rigtwin.lab.camera import Seed
 from rigtwin.measure.robust import mad_std
 from rigtwin.measure.tilt.plate_angle import Arm
 
@@ -27,6 +28,7 @@ STRONG = 0.3  # minimum contrast of a body's pixels over that of the body
 PART = 0.2  # minimum area of a part of a body over that of the largest part
 LEFT = 3.0  # minimum change at a place of the scene that a body left, in standard deviations of the noise
 WINDOW = 7  # [px], over which the change at a place of the scene is averaged: single pixels agree by chance
+NEAR = 12.0  # [px], distance from the stated place of a body within which it is found, if the body is not longer
 ALIKE = 0.5  # minimum correlation with the picture at rest
 FEWEST = 3  # minimum sample frames of a resting or an arriving body: with two, a moving object would pass too
 COMES = 0.7  # minimum correlation of an object elsewhere on the plate with a resting body: half the variance
@@ -75,13 +77,18 @@ def glare(picture: FloatImage) -> npt.NDArray[np.bool_]:
 
 
 def find_body(
-    arm: Arm, frames: dict[int, FloatImage], uphill: int, hidden: npt.NDArray[np.bool_] | None = None
+    arm: Arm,
+    frames: dict[int, FloatImage],
+    uphill: int,
+    hidden: npt.NDArray[np.bool_] | None = None,
+    seed: Seed | None = None,
 ) -> RestingBody | Arrival | None:
     """The body that rests in the first sample frames and is gone in the last ones; None if there is none.
 
     An `Arrival` if nothing leaves its position, but a body comes to one.
 
     `uphill` is +1 if the arm rises to the right; `hidden` marks pixels of the scene in which the arm is occluded.
+    `seed` states where the body rests.
     """
     numbers = sorted(arm.directions)
     upper = min(edge.row for edge in arm.edges)
@@ -105,11 +112,16 @@ def find_body(
     surface = float(upper - arm.across[rows[0]])
     changed = _changed_in_scene(arm, frames, numbers, stack, rows, columns)
     gone = [blob for split in range(FEWEST, len(numbers)) for blob in _gone(stack, changed, split, noise, surface)]
+    if seed is not None:
+        along, _ = arm.place(seed.at, seed.frame)
+        gone = [blob for blob in gone if abs(arm.along[columns[0]] + blob.along - along) < max(blob.length, NEAR)]
     if not gone:
         return None
     # the body leaves one position and arrives at a lower one: the uppermost clear one is its rest position
     clearest = max(blob.merit for blob in gone)
     clear = [blob for blob in gone if blob.merit > 0.25 * clearest]
+    if seed is not None:
+        return _rests(arm, frames, stack, max(clear, key=lambda blob: blob.merit), (int(rows[0]), int(columns[0])))
     # what is seen lower on the plate afterwards is the body; a fast one may be gone from one sample to the next
     times = [_times_seen_lower(stack, blob, uphill) for blob in clear]
     clear = [blob for blob, seen in zip(clear, times, strict=True) if seen >= max(times) / 2]
@@ -118,9 +130,15 @@ def find_body(
     best = max(there, key=lambda blob: blob.merit)
     if _arrives(stack, best, uphill):
         return Arrival(numbers[best.split])
-    contrast = np.abs(np.median(stack[: best.split], axis=0) - np.median(stack[best.split :], axis=0))
-    outline = _outline(best.mask, contrast)
-    return _portrait(arm, frames, numbers[: best.split], outline, (int(rows[0]), int(columns[0])))
+    return _rests(arm, frames, stack, best, (int(rows[0]), int(columns[0])))
+
+
+def _rests(
+    arm: Arm, frames: dict[int, FloatImage], stack: npt.NDArray[np.float32], place: _Gone, corner: tuple[int, int]
+) -> RestingBody:
+    """The body that leaves a place; `corner` is the first row and column of the stack in the arm's coordinates."""
+    contrast = np.abs(np.median(stack[: place.split], axis=0) - np.median(stack[place.split :], axis=0))
+    return _portrait(arm, frames, sorted(frames)[: place.split], _outline(place.mask, contrast), corner)
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,8 @@ def measure(
             "camera_roll_deg": math.degrees(gauge.level.roll),
             "camera_roll_std_deg": math.degrees(gauge.level.sigma),
             "camera_roll_from": gauge.level.source,
-        },
+        }
+        | camera.stated_view,
         tracks=(track,),
         series=(plate,),
     )

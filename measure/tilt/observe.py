@@ -32,7 +32,7 @@ from rigtwin.measure.tilt.onset import (
     Way,
     jitter,
 )
-from rigtwin.measure.tilt.plate_angle import Arm, find_arm, lay_over
+from rigtwin.measure.tilt.plate_angle import STATED_REACH, Arm, find_arm, lay_over
 
 PERSPECTIVE = math.radians(0.02)  # standard uncertainty for a plate that is not quite parallel to the picture
 
@@ -109,7 +109,12 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
     scene = replace(scene, moving=~still)
     samples = _laid_over(scene, learnt)
     progress("looking for the arm", 0, 1)
-    arm = find_arm(samples)
+    arm = find_arm(samples, camera.plate)
+    if (arm is None or not arm.edges) and camera.plate is not None:
+        raise NothingToMeasure(
+            f"{video.path}: no straight edge turns within {STATED_REACH:g} px of --plate (frames {video.first} to "
+            f"{video.last}); state two points of the plate's surface as it is in the first frame."
+        )
     if arm is None or not arm.edges:
         raise NothingToMeasure(
             f"{video.path}: {_poorly_lit(samples)}no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or "
@@ -120,7 +125,13 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
     horizontal = 0.0 if level is None else level.slope
     usual = float(np.median(list(arm.directions.values()))) + arm.tilt
     uphill = 1 if usual < horizontal else -1
-    body = find_body(arm, samples, uphill, glare(scene.picture) | in_front(arm, still))
+    body = find_body(arm, samples, uphill, glare(scene.picture) | in_front(arm, still), camera.bead_at)
+    if body is None and camera.bead_at is not None:
+        x, y = camera.bead_at.at
+        raise NothingToMeasure(
+            f"{video.path}: what is at --bead-at {camera.bead_at.frame}:{x:g},{y:g} does not leave its place on the "
+            f"plate in frames {video.first} to {video.last}; state the body's centre in a frame in which it rests."
+        )
     if body is None:
         raise NothingToMeasure(
             f"{video.path}: {_poorly_lit(samples)}an arm turns, but no body is seen that rests on its upper side at "

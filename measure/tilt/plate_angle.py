@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage
+from rigtwin.lab.camera import STATED_SIGMA, Line, Point
 from rigtwin.measure.geometry.lines import fullest_run, gradient, straight
 from rigtwin.measure.robust import mad_std
 from rigtwin.measure.tilt.onset import LEAST_TURN
@@ -27,6 +28,8 @@ from rigtwin.measure.tilt.onset import LEAST_TURN
 STEEPEST = math.radians(65)  # largest slope of an arm
 TURN_STEP = math.radians(0.25)  # angular step of the search
 SHORTEST = 0.12  # minimum length of an edge over the width of the picture
+STATED_REACH = 3 * STATED_SIGMA  # [px], distance of an edge from the stated surface of the plate
+STATED_TURN = math.radians(1.5)  # largest angle of the plate against its stated surface in the first sample frame
 REACH = 4  # [px], rows on each side of an edge that are compared
 PARALLEL = math.radians(0.35)  # largest angle between edges of the arm
 NOT_PARALLEL = math.radians(0.025)  # standard deviation of the angle between edges of an arm
@@ -58,6 +61,12 @@ class Arm:
     def cut(self, frame: FloatImage | GreyImage, direction: float, along: Array, across: Array) -> FloatImage:
         """The pixels of a steady frame in the arm's coordinates, shape (rows, columns)."""
         return turned_back(frame, self.pivot, direction, along, across)
+
+    def place(self, at: Point, frame: int) -> Point:
+        """A place of the picture [px] in a sample frame or between two of them, along and across the arm."""
+        numbers = sorted(self.directions)
+        direction = float(np.interp(frame, numbers, [self.directions[n] for n in numbers]))
+        return _in_arm(at, self.pivot, direction)
 
     @property
     def tilt(self) -> float:
@@ -112,21 +121,41 @@ def turned_back(
     )
 
 
-def find_arm(frames: dict[int, FloatImage]) -> Arm | None:
-    """Find the arm in steady sample frames by frame number; None if nothing straight turns."""
+def find_arm(frames: dict[int, FloatImage], plate: Line | None = None) -> Arm | None:
+    """Find the arm in steady sample frames by frame number; None if nothing straight turns.
+
+    `plate` are the stated ends of the plate's surface in the first frame [px]; None: the plate is searched.
+    """
     numbers = sorted(frames)
     pictures = [frames[number] for number in numbers]
     moving = [_moving_edges(pictures, k) for k in range(len(pictures))]
     height, width = pictures[0].shape
     votes = [_votes(x, y, slope, weight, width, height) for x, y, slope, weight in moving]
-    path = _direction_path(np.array([_evidence(vote) for vote in votes]))
+    if plate is not None:
+        votes[0] = _votes_of_line(votes[0], plate, width, height)
+    path = _direction_path(np.array([_evidence(vote) for vote in votes]), None if plate is None else _slope_of(plate))
     directions = _GRID[path]
     if float(np.ptp(directions)) < LEAST_TURN:
         return None
     pivot = _pivot(votes, path, width, height)
     if pivot is None:
         return None
-    return _picture_of(dict(zip(numbers, directions.tolist(), strict=True)), pivot, frames)
+    return _picture_of(dict(zip(numbers, directions.tolist(), strict=True)), pivot, frames, plate)
+
+
+def _slope_of(plate: Line) -> float:
+    """Direction [rad] of a stated line, positive if it falls to the right."""
+    return math.atan2(plate[1][1] - plate[0][1], plate[1][0] - plate[0][0])
+
+
+def _votes_of_line(votes: Array, plate: Line, width: int, height: int) -> Array:
+    """The votes for lines near a stated one."""
+    reach = (votes.shape[1] - 1) // 2
+    x, y = (sum(end[k] for end in plate) / 2 for k in (0, 1))
+    distance = -(x - width / 2) * np.sin(_GRID) + (y - height / 2) * np.cos(_GRID) + reach
+    off = np.abs(np.arange(votes.shape[1])[None, :] - distance[:, None])
+    turned = np.abs(_GRID - _slope_of(plate))[:, None]
+    return np.where((off <= STATED_REACH) & (turned <= STATED_TURN), votes, 0.0)
 
 
 _GRID = np.arange(-STEEPEST, STEEPEST + TURN_STEP / 2, TURN_STEP)
@@ -173,14 +202,17 @@ def _evidence(votes: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(longest**2, axis=1)))
 
 
-def _direction_path(evidence: Array) -> npt.NDArray[np.int64]:
-    """Index of the direction in every sample frame: high score and steady motion (Viterbi algorithm)."""
+def _direction_path(evidence: Array, begins: float | None) -> npt.NDArray[np.int64]:
+    """Index of the direction in every sample frame: high score and steady motion (Viterbi algorithm).
+
+    `begins` is the stated direction in the first one [rad].
+    """
     count, grid = evidence.shape
     scale = np.percentile(evidence, 99.5) + 1e-9
     gain = evidence / scale
     step = np.abs(np.arange(grid)[:, None] - np.arange(grid)[None, :])
     price = 0.012 * np.minimum(step, 60)
-    total = gain[0]
+    total = gain[0] if begins is None else np.where(np.abs(_GRID - begins) <= STATED_TURN, gain[0], -np.inf)
     came = np.zeros((count, grid), dtype=np.int64)
     for k in range(1, count):
         table = total[None, :] - price
@@ -211,7 +243,9 @@ def _pivot(votes: Sequence[Array], path: npt.NDArray[np.int64], width: int, heig
     return pivot
 
 
-def _picture_of(directions: dict[int, float], pivot: tuple[float, float], frames: dict[int, FloatImage]) -> Arm | None:
+def _picture_of(
+    directions: dict[int, float], pivot: tuple[float, float], frames: dict[int, FloatImage], plate: Line | None
+) -> Arm | None:
     """Median picture of the arm from sample frames turned back; the pivot is refined meanwhile."""
     width = next(iter(frames.values())).shape[1]
     numbers = sorted(frames)
@@ -228,16 +262,28 @@ def _picture_of(directions: dict[int, float], pivot: tuple[float, float], frames
     for turn in range(4):
         cuts = [turned_back(frames[n], pivot, directions[n], along, across) for n in numbers]
         middle, noise = _still(np.stack(cuts))
-        edges = _edges(middle, noise, along, across, width)
+        edges, span = _edges(middle, noise, along, across, width), None
+        if plate is not None:
+            ends = [_in_arm(end, pivot, directions[numbers[0]]) for end in plate]
+            surface = float(np.mean([row for _, row in ends]))
+            edges = tuple(edge for edge in edges if edge.row > surface - STATED_REACH)
+            span = min(place for place, _ in ends), max(place for place, _ in ends)
         if not edges:
             return arm
-        arm = Arm(pivot, along, across, middle, edges, _span(edges, along), dict(directions))
+        arm = Arm(pivot, along, across, middle, edges, span or _span(edges, along), dict(directions))
         if turn == 3:
             break
         found = {n: lay_over(arm, frames[n], directions[n], reach=7 - turn) for n in numbers}
         directions = {n: turned.direction if (turned := found[n]) is not None else directions[n] for n in numbers}
         pivot = _shifted_pivot(pivot, directions, {n: each.shift for n, each in found.items() if each is not None})
     return arm
+
+
+def _in_arm(place: Point, pivot: Point, direction: float) -> Point:
+    """A place of the picture [px] along and across an arm of this direction [rad]."""
+    x, y = place[0] - pivot[0], place[1] - pivot[1]
+    cos, sin = math.cos(direction), math.sin(direction)
+    return x * cos + y * sin, y * cos - x * sin
 
 
 def _shifted_pivot(

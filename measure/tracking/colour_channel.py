@@ -15,6 +15,8 @@ from rigtwin.measure.media.video import Frame
 from rigtwin.measure.tracking.link import SpotPath, place_on
 
 VISIBLE = 6.0  # contrast-to-noise ratio above which luma is sufficient
+RING = 1.3, 2.5  # inner and outer radius of the surroundings of a bead over its radius
+BETTER = 1.3  # minimum gain of contrast-to-noise ratio against shadows; luma has the full resolution
 LEAST_NOISE = (
     0.3  # [grey levels squared], minimum variance of each of three colours (rounding); a third for one channel
 )
@@ -59,7 +61,34 @@ def best_channel(frames: Sequence[Frame], path: SpotPath) -> Channel:
         noises.append(third.reshape(-1, 3))
     if not differences:
         return LUMA
-    return _fisher(np.concatenate(differences), np.concatenate(noises), np.concatenate(scenery))
+    return _fisher(np.concatenate(differences), _noise(np.concatenate(noises)), np.concatenate(scenery))
+
+
+def channel_without_shadows(frames: Sequence[Frame], path: SpotPath) -> Channel:
+    """The combination of colours that separates the bead best from all that changes around it, as shadows do.
+
+    As `best_channel`, with the changes in a ring around the bead as the noise.
+    """
+    where = place_on(path)
+    places = [where(frame.index)[0] for frame in frames]
+    beads, rings, scenery = [], [], []
+    for frame, place in zip(frames, places, strict=True):
+        other = int(np.argmax([math.dist(place, elsewhere) for elsewhere in places]))
+        if math.dist(place, places[other]) < 4 * path.radius:
+            continue
+        behind = frames[other].colour.astype(np.float64)
+        disc = _disc_pixels(place, 0.7 * path.radius, frame.grey.shape)
+        beads.append(frame.colour[disc] - behind[disc])
+        scenery.append(behind[disc])
+        ring = np.zeros(frame.grey.shape, dtype=np.uint8)
+        cv2.circle(ring, (round(place[0]), round(place[1])), round(RING[1] * path.radius), 1, cv2.FILLED)
+        cv2.circle(ring, (round(place[0]), round(place[1])), round(RING[0] * path.radius), 0, cv2.FILLED)
+        rings.append(frame.colour[ring > 0] - behind[ring > 0])
+    if not beads:
+        return LUMA
+    around = np.concatenate(rings)
+    noise = around.T @ around / len(around) + LEAST_NOISE * np.eye(3)
+    return _fisher(np.concatenate(beads), noise, np.concatenate(scenery), clear=math.inf, better=BETTER)
 
 
 def luma_is_clear(greys: Mapping[int, GreyImage], path: SpotPath) -> bool:
@@ -104,15 +133,20 @@ def _disc_pixels(
     return rows, columns
 
 
-def _fisher(differences: Array, noises: Array, scenery: Array) -> Channel:
-    noise = _noise(noises)
+def _fisher(
+    differences: Array, noise: Array, scenery: Array, *, clear: float = VISIBLE, better: float = 2.0
+) -> Channel:
+    """Fisher's discriminant of differences, shape (n, 3), against noise of this covariance, shape (3, 3).
+
+    Luma if its contrast-to-noise ratio is above `clear`, or that of the discriminant is not `better` times as high.
+    """
     mean = differences.mean(axis=0)
     mix = np.linalg.solve(np.cov(differences.T) + 2 * noise, mean)
     luma = np.array([0.114, 0.587, 0.299])
 
     # colour is stored with half the resolution and coarser quantisation: it must be clearly better than luma
     seen = _visibility(differences, luma, noise)
-    if seen > VISIBLE or _visibility(differences, mix, noise) < 2 * seen:
+    if seen > clear or _visibility(differences, mix, noise) < better * seen:
         return LUMA
     # gain limited by the 8-bit range: contrast of 90 levels or noise of 2 levels, whichever is reached first
     gain = min(90 / abs(float(mix @ mean)), 2 / math.sqrt(float(mix @ noise @ mix)))

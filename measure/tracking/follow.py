@@ -15,12 +15,12 @@ import numpy as np
 from rigtwin.lab.arrays import Array, GreyImage, Mask
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.media.video import Frame, Video
-from rigtwin.measure.scene.background import Background
 from rigtwin.measure.robust import mad_std
+from rigtwin.measure.scene.background import Background
 from rigtwin.measure.scene.pose import Pose, rounded, shakes_of
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tracking.bead_image import BeadFit, Look
-from rigtwin.measure.tracking.colour_channel import LUMA, best_channel, luma_is_clear
+from rigtwin.measure.tracking.colour_channel import LUMA, best_channel, channel_without_shadows, luma_is_clear
 from rigtwin.measure.tracking.consistency import in_steady_light, scatter
 from rigtwin.measure.tracking.cutouts import (
     Cut,
@@ -103,6 +103,13 @@ def _spread(first: int, last: int, count: int) -> set[int]:
     return set(np.unique(np.linspace(first, last, count).round().astype(int)).tolist())
 
 
+def _spread_along(path: SpotPath, count: int = 12) -> set[int]:
+    """Frames of a path at equal distances along it."""
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path.centres, axis=0).T))])
+    places = np.searchsorted(way, np.linspace(0, way[-1], count)).clip(0, len(way) - 1)
+    return {path.frames[k] for k in places.tolist()}
+
+
 def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], progress: Progress = silent) -> Chase:
     """Fit the bead of a path in every cut-out, also before and after its motion.
 
@@ -121,7 +128,7 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
     radius = float(np.median([sighting.image.radius for sighting in good]))
     # learn the look from slow frames; motion blur hides it in fast ones
     slow = sorted(few, key=lambda cut: math.hypot(*cut.step))[: max(15, len(few) // 2)]
-    look, growth = None, _growth(good)
+    look, growth = None, _growth(good, path)
     for _ in range(2):
         calm = _fit_cuts(slow, scene, radius, growth=growth, shutter=shutter, hidden=hidden, progress=progress)
         if len(calm) < 3:
@@ -137,10 +144,21 @@ def chase(path: SpotPath, moves: Movement, scene: Scene, cuts: Sequence[Cut], pr
     return _steadied(found if look is None else _started_again(found))
 
 
-def _growth(sightings: Sequence[Sighting]) -> Growth:
-    """Change of the apparent size over sightings whose radii were fitted one by one; none unless it is significant."""
+def _growth(sightings: Sequence[Sighting], path: SpotPath) -> Growth:
+    """Change of the apparent size over sightings whose radii were fitted one by one; none unless it is significant.
+
+    From the slower half of the bead's motion: fingers hold a bead at rest, and motion blur widens a fast one.
+    """
     from scipy.stats import theilslopes
 
+    frames, centres = np.array(path.frames), path.centres
+    gone = np.flatnonzero(np.hypot(*(centres - np.median(centres[:5], axis=0)).T) > 2 * path.radius)
+    begins = frames[gone[0]] if len(gone) else frames[-1]
+    speed = np.hypot(*np.gradient(centres, axis=0).T) / np.maximum(np.gradient(frames), 1)
+    usual = float(np.median(speed[frames >= begins]))
+    at = {frame: k for k, frame in enumerate(path.frames)}
+    sightings = [each for each in sightings if each.frame in at and each.frame >= begins]
+    sightings = [each for each in sightings if speed[at[each.frame]] <= 1.2 * usual]
     frames = np.array([sighting.frame for sighting in sightings], dtype=np.float64)
     inverse = 1 / np.array([sighting.image.radius for sighting in sightings])
     if len(frames) < FEWEST_SIZES:
@@ -149,8 +167,8 @@ def _growth(sightings: Sequence[Sighting]) -> Growth:
     scatter = mad_std(inverse - base - slope * frames, centre=0.0)
     sigma = scatter / (math.sqrt(len(frames)) * max(float(np.std(frames)), 1e-9))
     middle = float(np.median(frames))
-    usual = float(base + slope * middle)
-    growth = Growth(float(slope) / usual, sigma / usual, middle)
+    level = float(base + slope * middle)
+    growth = Growth(float(slope) / level, sigma / level, middle)
     change = abs(growth.rate) * float(np.ptp(frames))
     return growth if change > GROWS and abs(growth.rate) > SURELY * growth.rate_sigma else STEADY
 
@@ -199,16 +217,23 @@ def _moved_by(off: tuple[float, float], cuts: Sequence[Cut]) -> list[Cut]:
     return [replace(cut, near=(cut.near[0] + off[0], cut.near[1] + off[1])) for cut in cuts]
 
 
-def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress = silent) -> Chase:
-    """Follow the bead of a path: learn the background without the bead, choose the best channel, then `chase`."""
-    kept = _from_album(path, moves)
+def chase_path(
+    video: Video, path: SpotPath, moves: Movement, progress: Progress = silent, *, shadows: bool = False
+) -> Chase:
+    """Follow the bead of a path: learn the background without the bead, choose the best channel, then `chase`.
+
+    With `shadows` the channel is the one that separates the bead from all that changes around it.
+    """
+    kept = None if shadows else _from_album(path, moves)
     if kept is not None:
         scene, cuts = kept
         return chase(path, moves, scene, cuts, progress)
     begin, end = busy(path)
     chosen = _spread(max(path.frames[0], begin), min(path.frames[-1], end), Background.capacity)
-    seen, cuts = _seen_and_cut(video, path, moves, chosen, progress)
-    channel = best_channel([frame for frame, _ in seen[::2]], path)
+    along = _spread_along(path) if shadows else set()
+    seen, cuts = _seen_and_cut(video, path, moves, chosen | along, progress)
+    spread = [frame for frame, _ in seen if frame.index in along] if shadows else [frame for frame, _ in seen[::2]]
+    channel = channel_without_shadows(spread, path) if shadows else best_channel(spread, path)
     # gain and offset were found in luma; for another channel the background estimates them again
     layers = {
         frame.index: rounded(
@@ -216,7 +241,7 @@ def chase_path(video: Video, path: SpotPath, moves: Movement, progress: Progress
         )
         for frame, pose in seen
     }
-    del seen  # free the memory of the colour pictures
+    del seen, spread  # free the memory of the colour pictures
     scene = _scene_behind(path, layers)
     if channel != LUMA:
         cuts = cut_out(video, path, scene, channel, progress)
