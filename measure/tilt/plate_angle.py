@@ -28,7 +28,7 @@ from rigtwin.measure.tilt.onset import LEAST_TURN
 STEEPEST = math.radians(65)  # largest slope of an arm
 TURN_STEP = math.radians(0.25)  # angular step of the search
 SHORTEST = 0.12  # minimum length of an edge over the width of the picture
-STATED_REACH = 3 * STATED_SIGMA  # [px], distance of an edge from the stated surface of the plate
+STATED_REACH = 4 * STATED_SIGMA  # [px], distance of an edge from the stated surface of the plate
 STATED_TURN = math.radians(1.5)  # largest angle of the plate against its stated surface in the first sample frame
 REACH = 4  # [px], rows on each side of an edge that are compared
 PARALLEL = math.radians(0.35)  # largest angle between edges of the arm
@@ -267,6 +267,8 @@ def _picture_of(
             ends = [_in_arm(end, pivot, directions[numbers[0]]) for end in plate]
             surface = float(np.mean([row for _, row in ends]))
             edges = tuple(edge for edge in edges if edge.row > surface - STATED_REACH)
+            if turn == 3 and all(edge.row > surface + STATED_REACH for edge in edges):
+                return None
             span = min(place for place, _ in ends), max(place for place, _ in ends)
         if not edges:
             return arm

@@ -12,7 +12,7 @@ import scipy.interpolate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, Seed
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.tilt import checks as tilt_checks
@@ -387,6 +387,32 @@ def test_a_post_in_front_of_the_plate_is_not_taken_for_the_body(tmp_path, varian
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=14.0 if variant == "slide" else 6.0, post=post)
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012)
     assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
+
+
+def in_first_frame(x: float, y: float) -> tuple[float, float]:
+    """Picture position [px] of rig coordinates of the plate about the hinge [px], in the first frame of `clip`."""
+    turn = math.radians(6.0 - 3.0 * 0.9)
+    cos, sin = math.cos(turn), math.sin(turn)
+    return HINGE[0] + x * cos - y * sin, HINGE[1] - x * sin - y * cos
+
+
+def test_plate_and_body_can_be_stated(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0)
+    plate = in_first_frame(10, 9), in_first_frame(290, 7)
+    camera = Camera(frame_rate=50.0, plate=plate, bead_at=Seed(0, in_first_frame(242, 19)))
+    result = tilt_measurement.measure(film, camera, variant="roll", bead_diameter=0.012)
+    assert pick(result, "rolling_friction_angle").value == pytest.approx(6.0, abs=0.15)
+    assert result.camera["stated"] == ["bead_at", "plate"]
+
+
+def test_a_stated_plate_or_body_that_is_not_there_is_refused(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0)
+    above = Camera(frame_rate=50.0, plate=((60.0, 40.0), (300.0, 40.0)))
+    with pytest.raises(NothingToMeasure, match="--plate"):
+        tilt_measurement.measure(film, above, variant="roll", bead_diameter=0.012)
+    beside = Camera(frame_rate=50.0, bead_at=Seed(0, in_first_frame(150, 20)))
+    with pytest.raises(NothingToMeasure, match="--bead-at 0:"):
+        tilt_measurement.measure(film, beside, variant="roll", bead_diameter=0.012)
 
 
 def test_a_clip_that_begins_in_the_middle_of_the_run_is_refused(tmp_path):
