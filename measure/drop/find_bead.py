@@ -83,7 +83,7 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         if tried[-1].sound:
             break
     if not (tried[0].sound and tried[0].whole) and camera.bead_at is None:
-        # a shadow joins the bead's spot, or an object before it splits it: its picture tells them apart
+        # a shadow joins the bead's spot, or an object before it splits it: its picture shows which is which
         bead = picture_on_path(video, ranked[0], moves)
         again = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
         for path in sorted(again, key=lambda path: -likeness(path, size))[:1]:
