@@ -248,7 +248,11 @@ TimeStep = Annotated[
 Forced = Annotated[bool, typer.Option("--force", help="Take a time step that is known to be unstable, too.")]
 Device = Annotated[
     device.Device,
-    typer.Option("--device", help="Where the twin is worked out; auto: on a GPU where CUDA finds one."),
+    typer.Option(
+        "--device",
+        envvar=device.VARIABLE,
+        help="Where the twin is worked out; auto: on a GPU where CUDA finds one.",
+    ),
 ]
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="CPU threads of the twin; all by default.")]
 

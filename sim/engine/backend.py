@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rigtwin.lab.errors import BadInput, RigtwinError
-from rigtwin.sim.engine.device import DEVICES, Device
+from rigtwin.sim.engine.device import DEVICES, Device, usual_device
 
 GRAIN = 512  # smallest number of iterations of a parallel loop that Taichi gives to a thread on CPUs
 
@@ -149,14 +149,17 @@ def available_threads() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def start(threads: int | None = None, device: Device = "cpu") -> Backend:
+def start(threads: int | None = None, device: Device | None = None) -> Backend:
     """Start Taichi once per process and return the backend; later calls return the running one.
 
-    float64, no fast-math; compiled kernels are cached on disk between processes.  `device` "cuda" falls back to the
-    CPU with a note if there is no CUDA device; "auto" uses the running backend, else CUDA if there is one.  A process
-    has one device, which holds all fields.  Do not fork after this call: a forked child hangs; spawn it instead.
+    Without a `device`: the running one, else `usual_device()`.  float64, no fast-math; compiled kernels are cached on
+    disk between processes.  `device` "cuda" falls back to the CPU with a note if there is no CUDA device; "auto" uses
+    the running backend, else CUDA if there is one.  A process has one device, which holds all fields.  Do not fork
+    after this call: a forked child hangs; spawn it instead.
     """
     global _running  # noqa: PLW0603  Taichi itself is one global per process
+    if device is None:
+        device = _running.device if _running is not None else usual_device()
     if device not in DEVICES:
         raise BadInput(f"device: {device!r} is unknown; use {', '.join(map(repr, DEVICES))}.")
     if threads is not None and threads < 1:

@@ -36,7 +36,7 @@ class Numerics(TypedDict, total=False):
     stiffness_factor: float  # factor of Young's moduli; default 0.001 (Hlosta et al. 2020, section 2.2.3)
     time_step_fraction: float  # time step over Rayleigh's; default 0.3
     forced: bool  # accept even an unstable time step
-    device: Device  # default "cpu"; "cuda" falls back to the CPU with a warning, "auto" without one
+    device: Device  # default: see `usual_device`; "cuda" falls back to the CPU with a warning, "auto" without one
     rolling: Rolling  # default "type C"
     contact_law: ContactLaw  # default "Hertz-Mindlin"
     impact_speed: float  # [m/s], at which springs of the "linear" law are as stiff as Hertz's contacts; default 1 m/s
@@ -138,7 +138,7 @@ class Bench:
             impact_speed=self.impact_speed,
             effects=self._effects()[0],
             threads=self.numerics.get("threads"),
-            device=self.numerics.get("device", "cpu"),
+            device=self.numerics.get("device"),
             skin=SKIN if skin is None else skin,
         )
 

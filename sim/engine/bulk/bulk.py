@@ -84,8 +84,9 @@ class Bulk:
         the run with an error.
     threads : int, optional
         Number of threads.  Default: all that the backend has.
-    device : {"cpu", "cuda", "auto"}
-        Device of the engine.
+    device : {"cpu", "cuda", "auto"}, optional
+        Device of the engine.  Default: the one on which it runs already, else that of the environment variable
+        RIGTWIN_DEVICE, else the CPU.
     capacity, pair_capacity, near_capacity : int, optional
         Initial sizes of the tables of beads, pairs and near walls; they grow as needed.
 
@@ -118,7 +119,7 @@ class Bulk:
         skin: float = SKIN,
         open_domain: bool = False,
         threads: int | None = None,
-        device: Device = "cpu",
+        device: Device | None = None,
         capacity: int = SMALLEST_ARENA,
         pair_capacity: int | None = None,
         near_capacity: int | None = None,
