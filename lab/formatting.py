@@ -22,6 +22,7 @@ TITLES = {
     "rolling_friction": "Rolling friction",
     "rolling_friction_angle": "Angle of rolling friction",
     "kinetic_friction": "Kinetic friction",
+    "plate_angle": "Angle of the plate",
     "onset_time": "Time of the onset",
     "bed_height": "Bed height",
     "bed_height_deviation": "Deviation of the bed height",

@@ -27,6 +27,7 @@ from rigtwin.measure.drawing import (
     save_plot,
 )
 from rigtwin.measure.media.video import Video
+from rigtwin.measure.tilt.incline import Descent
 from rigtwin.measure.tilt.observe import Film
 from rigtwin.measure.tilt.onset import Onset, Way
 
@@ -51,7 +52,9 @@ def write_pictures(
         "record": out / f"{stem}-track.csv",
         "angle": out / f"{stem}-angle.csv",
     }
-    still = _write_video(files["overlay"], measurement, video, film, onset, angle, progress)
+    found = measurement.quantities[1]
+    word = f"onset at {found.value:.2f} ± {found.std_uncertainty:.2f}°"
+    still = _write_video(files["overlay"], video, film, (onset.time, word), angle, progress)
     if still is not None:
         save_picture(files["still"], still)
     write_plot(files["plot"], way, onset, measurement.quantities[1])
@@ -86,16 +89,62 @@ def write_plot(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
     save_plot(path, figure)
 
 
-def _write_video(
-    path: Path,
+def write_incline_pictures(
+    out: Path,
     measurement: Measurement,
     video: Video,
     film: Film,
-    onset: Onset,
+    way: Way,
+    descent: Descent,
     angle: Series,
     progress: Progress,
+) -> dict[str, Path]:
+    """The same for a plate that stands still."""
+    out.mkdir(parents=True, exist_ok=True)
+    stem = measurement.source.stem
+    files = {
+        "overlay": out / f"{stem}-overlay.mp4",
+        "still": out / f"{stem}-still.png",
+        "plot": out / f"{stem}-plot.svg",
+        "record": out / f"{stem}-track.csv",
+        "angle": out / f"{stem}-angle.csv",
+    }
+    word = f"{descent.acceleration:.3f} ± {descent.acceleration_sigma:.3f} m/s²"
+    still = _write_video(files["overlay"], video, film, (descent.start, word), angle, progress)
+    if still is not None:
+        save_picture(files["still"], still)
+    write_incline_plot(files["plot"], way, descent)
+    write_tracks(files["record"], measurement.tracks)
+    write_series(files["angle"], angle)
+    return files
+
+
+def write_incline_plot(path: Path, way: Way, descent: Descent) -> None:
+    """Plot displacement down a plate at rest with the parabola of its run, and the residuals."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 5))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    upper.plot(way.time, way.down * 1e3, ".", ms=3, color="0.6", label="body, every frame")
+    upper.plot(way.time, descent.fitted * 1e3, color="#D55E00", lw=1, label="constant acceleration")
+    upper.set_ylabel("way down the plate / mm")
+    upper.legend(fontsize=7, loc="upper left")
+    lower.plot(way.time, (way.down - descent.fitted) * 1e3, ".", ms=3, color="#0072B2")
+    lower.set_ylabel("residual / mm")
+    lower.set_xlabel("time / s")
+    upper.set_title(
+        f"plate at {math.degrees(descent.angle):.2f}°, {descent.acceleration:.3f} ± "
+        f"{descent.acceleration_sigma:.3f} m/s²",
+        fontsize=9,
+    )
+    save_plot(path, figure)
+
+
+def _write_video(
+    path: Path, video: Video, film: Film, event: tuple[float, str], angle: Series, progress: Progress
 ) -> Image | None:
-    """Write the annotated clip; returns the picture of the first frame after the onset."""
+    """Write the annotated clip; returns the picture of the first frame after the event (time [s], caption)."""
+    since, word = event
     still = None
     with OverlayVideo(path, frame_rate=min(video.playback_rate or 30.0, 30.0)) as overlay:
         for k, frame in enumerate(video.frames()):
@@ -103,11 +152,10 @@ def _write_video(
             _mark(picture, film, k)
             alpha = math.degrees(float(np.interp(frame.time, angle.time, angle.value)))
             caption: list[str | tuple[str, Colour]] = [f"frame {frame.index}   {frame.time:.3f} s   {alpha:.2f}°"]
-            if frame.time >= onset.time:
-                found = measurement.quantities[1]
-                caption.append((f"onset at {found.value:.2f} ± {found.std_uncertainty:.2f}°", RED))
+            if frame.time >= since:
+                caption.append((word, RED))
             draw_caption(picture, caption)
-            if frame.time >= onset.time and still is None:
+            if frame.time >= since and still is None:
                 still = picture.copy()
             overlay.write(picture)
             progress("drawing the overlay", k + 1, len(film.frames))

@@ -12,7 +12,7 @@ from rigtwin.measure.media.time_base import UNSTEADY
 from rigtwin.measure.media.video import Video
 from rigtwin.measure.tilt.body_track import FEWEST, RestingBody
 from rigtwin.measure.tilt.checks import BEGIN_EARLIER
-from rigtwin.measure.tilt.observe import Film, Gauge, Horizontal
+from rigtwin.measure.tilt.observe import Film, Gauge
 from rigtwin.measure.tilt.onset import (
     Onset,
     Variant,
@@ -45,8 +45,13 @@ def portrait_check(film: Film, onset: Onset) -> tuple[Check, ...]:
 
 
 def view_checks(film: Film, gauge: Gauge, video: Video, onset: Onset) -> tuple[Check, ...]:
+    return arm_check(film), _timing_check(film, video, onset), level_check(film, gauge)
+
+
+def arm_check(film: Film) -> Check:
+    """Whether the plate's edges are seen in most frames."""
     seen = float(np.mean(np.isfinite(film.directions)))
-    arm = Check(
+    return Check(
         "arm_in_view",
         seen > 0.8,
         seen,
@@ -54,7 +59,6 @@ def view_checks(film: Film, gauge: Gauge, video: Video, onset: Onset) -> tuple[C
         f"the plate's edges are found in {100 * seen:.0f} % of the frames"
         + ("." if seen > 0.8 else ": something hides them; keep hands and cables out of the view."),
     )
-    return arm, _timing_check(film, video, onset), _level_check(gauge.level, len(film.level.lines) if film.level else 0)
 
 
 def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
@@ -90,8 +94,9 @@ def _timing_check(film: Film, video: Video, onset: Onset) -> Check:
     return Check("frame_timing", passed, float(odd), 0.0, message + ending)
 
 
-def _level_check(level: Horizontal, edges: int) -> Check:
+def level_check(film: Film, gauge: Gauge) -> Check:
     """Whether the horizontal is known, and whether a stated one agrees with the base plate."""
+    level, edges = gauge.level, len(film.level.lines) if film.level else 0
     degrees, sigma = math.degrees(level.roll), math.degrees(level.sigma)
     if level.source == "not known":
         message = "no level edge of a base plate was found, so the camera is taken to be upright; give --camera-roll."

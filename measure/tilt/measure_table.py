@@ -17,7 +17,8 @@ from rigtwin.lab.records import Series, Track
 from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, evaluate_run, onset_of, way_down
-from rigtwin.measure.tilt.onset import Variant
+from rigtwin.measure.tilt.incline import Descent, at_rest, descent_of, evaluate_descent
+from rigtwin.measure.tilt.onset import LEAST_TURN, Onset, Variant
 
 NOMINAL = 3e-4  # [m/px], until gravity gives the scale
 
@@ -68,20 +69,26 @@ def measure_table(
     read = read_bodies(path, options, scale=camera.given_scale, frame_rate=camera.frame_rate)
     body = max(read.tracks, key=lambda each: len(each.time))
     known = read.unit == "m"
-    track, axes = in_the_rigs_axes(plate.series, body)
+    turns = float(np.ptp(plate.series.value)) >= LEAST_TURN
+    track, axes = in_the_rigs_axes(plate.series, body) if turns else along_the_path(plate.series, body)
     if not known:
         track = replace(track, position=NOMINAL * track.position, sigma=NOMINAL * track.sigma)
     uncertainty = GIVEN_UNCERTAINTY if known else math.inf
     way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
-    run, onset = onset_of(way, str(path))
     view = scale_used(read, camera)
-    if not known:
-        view = {"scale_m_per_px" if read.unit == "px" else "scale_m_per_unit": NOMINAL / onset.gain}
-        view["scale_from"] = "gravity"
-        track = replace(track, position=track.position / onset.gain, sigma=track.sigma / onset.gain)
-        way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
-        run, onset = onset_of(way, str(path))
-    evaluation = evaluate_run(way, run, onset, variant, bead_diameter)
+    result: Descent | Onset
+    if at_rest(way):
+        result = descent_of(way, str(path))
+        evaluation = evaluate_descent(result, variant, uncertainty)
+    else:
+        run, result = onset_of(way, str(path))
+        if not known:
+            view = {"scale_m_per_px" if read.unit == "px" else "scale_m_per_unit": NOMINAL / result.gain}
+            view["scale_from"] = "gravity"
+            track = replace(track, position=track.position / result.gain, sigma=track.sigma / result.gain)
+            way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
+            run, result = onset_of(way, str(path))
+        evaluation = evaluate_run(way, run, result, variant, bead_diameter)
     understood = replace(
         read.understood,
         columns={**read.understood.columns, **plate.understood.columns},
@@ -95,11 +102,14 @@ def measure_table(
     )
     files = {}
     if out is not None:
-        from rigtwin.measure.tilt.figures import write_plot
+        from rigtwin.measure.tilt.figures import write_incline_plot, write_plot
 
         out.mkdir(parents=True, exist_ok=True)
         files["plot"] = out / f"{path.stem}-plot.svg"
-        write_plot(files["plot"], way, onset, evaluation.quantities[1])
+        if isinstance(result, Descent):
+            write_incline_plot(files["plot"], way, result)
+        else:
+            write_plot(files["plot"], way, result, evaluation.quantities[1])
     return Measurement(
         "tilt",
         path,
@@ -181,6 +191,22 @@ def in_the_rigs_axes(angle: Series, track: Track) -> tuple[Track, str]:
         "the origin was set on the plate's axis, found from the body's ride",
     ]
     return replace(track, position=position), ", ".join(filter(None, words))
+
+
+def along_the_path(angle: Series, track: Track) -> tuple[Track, str]:
+    """The track on a plate at rest, in the rig's axes, whichever way the axes of the table point.
+
+    The direction of the body's own path is that of the plate, and it ends further down than it began.
+    """
+    away = track.position - track.position[0]
+    _, _, directions = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)
+    down = away @ directions[0]
+    across = away @ directions[1]
+    down = down if down[-1] > down[0] else -down
+    slope = float(np.median(angle.value))
+    cos, sin = math.cos(slope), math.sin(slope)
+    position = np.column_stack([-down * cos - across * sin, -down * sin + across * cos])
+    return replace(track, position=position), "the plate stands still: its direction is that of the body's path"
 
 
 def _ride(alpha: Array, position: Array, *, centred: bool = False) -> tuple[float, tuple[float, float, float, float]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +17,11 @@ from rigtwin.lab.records import Series, Track
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.media.compression import compression_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
-from rigtwin.measure.media.video import open_video
+from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
-from rigtwin.measure.tilt.film_checks import portrait_check, shape_check, view_checks
+from rigtwin.measure.tilt.film_checks import arm_check, level_check, portrait_check, shape_check, view_checks
+from rigtwin.measure.tilt.incline import at_rest, descent_of, evaluate_descent, judged_of_incline
 from rigtwin.measure.tilt.measure_table import measure_table
 from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, by_the_run, gauge_of, record, watch
 from rigtwin.measure.tilt.onset import (
@@ -79,15 +81,17 @@ def measure(
     UnreadableMedia
         If the file is no video.
     NothingToMeasure
-        If no straight arm turns, or nothing moves on it.
+        If no plate is found, or nothing moves on it.
     BadInput
         If the variant is unknown.
 
     Notes
     -----
-    mu = tan(alpha) at the onset of motion.  The track is fixed in space with its origin on the axis of the plate, x
-    towards the rising side and y up.  The scale is that of `camera`, else from `arm_length`, else from
-    `bead_diameter`, else from gravity.  Only the check of the acceleration and the kinetic friction need it.
+    mu = tan(alpha) at the onset of motion.  Where the plate stands still, the friction in motion follows from the
+    body's acceleration (`rigtwin.measure.tilt.incline`), which needs a scale.  The track is fixed in space with its
+    origin on the axis of the plate, x towards the rising side and y up.  The scale is that of `camera`, else from
+    `arm_length`, else from `bead_diameter`, else from gravity.  On a plate that turns only the check of the
+    acceleration and the kinetic friction need it.
 
     References
     ----------
@@ -106,6 +110,10 @@ def measure(
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         return plate, track, way, *onset_of(way, str(clip))
 
+    plate, track = record(film, gauge)
+    way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
+    if at_rest(way):
+        return _of_plate_at_rest(video, film, gauge, plate, track, way, clip, camera, variant, out, progress)
     plate, track, way, run, onset = read(film, gauge)
     by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
     if np.any(film.missing != by_turn_alone.missing):
@@ -114,11 +122,7 @@ def measure(
         # only now, as it depends on the square of all times
         gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
         plate, track, way, run, onset = read(film, gauge)
-    geometry = {
-        "level": gauge.level.sigma,
-        "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
-        "perspective": PERSPECTIVE,
-    }
+    geometry = _geometry(film, gauge)
     # an exposure lasts up to one frame interval, and the time stamp is that of its start
     timing = {"exposure": 0.2 / video.frame_rate}
     if corrected := int(np.sum(film.missing[film.times <= onset.time] > 0)):
@@ -142,16 +146,7 @@ def measure(
         quantities=quantities,
         checks=checks,
         warnings=(*video.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
-        camera={
-            "frame_rate_hz": video.frame_rate,
-            "playback_rate_hz": video.playback_rate,
-            "scale_m_per_px": gauge.scale,
-            "scale_from": gauge.source,
-            "camera_roll_deg": math.degrees(gauge.level.roll),
-            "camera_roll_std_deg": math.degrees(gauge.level.sigma),
-            "camera_roll_from": gauge.level.source,
-        }
-        | camera.stated_view,
+        camera=_view(video, gauge, camera),
         tracks=(track,),
         series=(plate,),
     )
@@ -160,3 +155,69 @@ def measure(
     from rigtwin.measure.tilt.figures import write_pictures
 
     return replace(measurement, files=write_pictures(out, measurement, video, film, way, onset, plate, progress))
+
+
+def _geometry(film: Film, gauge: Gauge) -> dict[str, float]:
+    """Standard uncertainties of the plate's angle in a film [rad]."""
+    return {
+        "level": gauge.level.sigma,
+        "arm": max(film.arm.tilt_sigma, float(np.nanmedian(film.sigmas))),
+        "perspective": PERSPECTIVE,
+    }
+
+
+def _view(video: Video, gauge: Gauge, camera: Camera) -> dict[str, Any]:
+    return {
+        "frame_rate_hz": video.frame_rate,
+        "playback_rate_hz": video.playback_rate,
+        "scale_m_per_px": gauge.scale,
+        "scale_from": gauge.source,
+        "camera_roll_deg": math.degrees(gauge.level.roll),
+        "camera_roll_std_deg": math.degrees(gauge.level.sigma),
+        "camera_roll_from": gauge.level.source,
+    } | camera.stated_view
+
+
+def _of_plate_at_rest(
+    video: Video,
+    film: Film,
+    gauge: Gauge,
+    plate: Series,
+    track: Track,
+    way: Way,
+    clip: Path,
+    camera: Camera,
+    variant: Variant,
+    out: Path | None,
+    progress: Progress,
+) -> Measurement:
+    """Friction in motion, from a film of a plate that stands still."""
+    descent = descent_of(way, str(clip))
+    evaluation = evaluate_descent(descent, variant, gauge.uncertainty, _geometry(film, gauge))
+    still = camera_by_scene(film.poses)
+    checks = (
+        *evaluation.checks,
+        shape_check(film.body, variant),
+        arm_check(film),
+        level_check(film, gauge),
+        compression_check(video, OVER_COMPRESSED),
+        *([still] if isinstance(still, Check) else []),
+    )
+    quantities = tuple(doubted(each, video.spoilt) for each in evaluation.quantities)
+    measurement = Measurement(
+        rig="tilt",
+        source=clip,
+        source_sha256=sha256(clip),
+        quantities=judged_of_incline(quantities, checks),
+        checks=checks,
+        warnings=(*video.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
+        camera=_view(video, gauge, camera),
+        tracks=(track,),
+        series=(plate,),
+    )
+    if out is None:
+        return measurement
+    from rigtwin.measure.tilt.figures import write_incline_pictures
+
+    files = write_incline_pictures(out, measurement, video, film, way, descent, plate, progress)
+    return replace(measurement, files=files)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, Line
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Series, Track
@@ -23,6 +23,7 @@ from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tilt.body_track import SATURATED, Arrival, RestingBody, Step, find_body, follow, glare
 from rigtwin.measure.tilt.checks import BEGIN_EARLIER, LEAST_REST
 from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY
+from rigtwin.measure.tilt.incline import LEAST_FRAMES
 from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
 from rigtwin.measure.tilt.occluders import in_front
 from rigtwin.measure.tilt.onset import (
@@ -32,7 +33,9 @@ from rigtwin.measure.tilt.onset import (
     Way,
     jitter,
 )
-from rigtwin.measure.tilt.plate_angle import STATED_REACH, Arm, find_arm, lay_over
+from rigtwin.measure.tilt.plate_angle import STATED_REACH, Arm, arm_at_rest, find_arm, lay_over
+from rigtwin.measure.tracking.find_paths import find_paths
+from rigtwin.measure.tracking.link import SpotPath
 
 PERSPECTIVE = math.radians(0.02)  # standard uncertainty for a plate that is not quite parallel to the picture
 
@@ -47,6 +50,8 @@ NO_LEVEL = math.radians(1.0)  # standard uncertainty of an unknown camera roll
 BEAD_UNCERTAINTY = 0.12  # relative standard uncertainty of a scale from the outline of a body on the plate
 
 MOST_WHITE = 0.25  # share of white pixels beyond which the picture is overexposed: more is no highlight
+
+NOT_STRAIGHT = 0.1  # largest scatter across a body's path over that along it: it does not fly
 
 NOMINAL = 3e-4  # [m/px], placeholder if no scale is known
 
@@ -110,15 +115,19 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
     samples = _laid_over(scene, learnt)
     progress("looking for the arm", 0, 1)
     arm = find_arm(samples, camera.plate)
+    if arm is None or not arm.edges:
+        line = camera.plate or line_of_motion(find_paths(video, scene, camera.region, progress).paths)
+        arm = None if line is None else arm_at_rest(samples, line)
     if (arm is None or not arm.edges) and camera.plate is not None:
         raise NothingToMeasure(
-            f"{video.path}: no straight edge turns within {STATED_REACH:g} px of --plate (frames {video.first} to "
+            f"{video.path}: no straight edge is found within {STATED_REACH:g} px of --plate (frames {video.first} to "
             f"{video.last}); state two points of the plate's surface as it is in the first frame."
         )
     if arm is None or not arm.edges:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}no straight arm turns by {math.degrees(LEAST_TURN):.1f} degrees or "
-            "more in the clip; film the plate from the side with a still camera, from before the tilt to after the run."
+            f"{video.path}: {_poorly_lit(samples)}in frames {video.first} to {video.last} no straight edge turns by "
+            f"{math.degrees(LEAST_TURN):.1f} degrees or more, and nothing moves along one that is still; film the "
+            "plate from the side with a still camera, or state its surface with --plate."
         )
     lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
     level = find_level(scene.picture, still, lowest, arm.converging)
@@ -132,9 +141,14 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
             f"{video.path}: what is at --bead-at {camera.bead_at.frame}:{x:g},{y:g} does not leave its place on the "
             f"plate in frames {video.first} to {video.last}; state the body's centre in a frame in which it rests."
         )
+    if body is None and camera.plate is not None:
+        raise NothingToMeasure(
+            f"{video.path}: nothing is seen that rests on the edge at --plate at first and leaves its place in frames "
+            f"{video.first} to {video.last}; state two points of the plate's surface as it is in the first frame."
+        )
     if body is None:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}an arm turns, but no body is seen that rests on its upper side at "
+            f"{video.path}: {_poorly_lit(samples)}a plate is found, but no body that rests on its upper side at "
             "first and has left its position at the end; film on until the body has slid or rolled down, with good "
             "contrast."
         )
@@ -144,6 +158,30 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
             f"before: it moves in the first pictures already. {BEGIN_EARLIER}"
         )
     return _follow(video, scene, arm, level, body, uphill, progress)
+
+
+def line_of_motion(paths: Sequence[SpotPath]) -> Line | None:
+    """The line [px] below the body that moves furthest along a straight path; None if there is none.
+
+    Paths that rise by more than they go sideways, or go sideways alone, are none on a plate.
+    """
+    best, line = 0.0, None
+    for path in paths:
+        if len(path.frames) < LEAST_FRAMES:
+            continue
+        centres = path.centres
+        middle = np.median(centres, axis=0)
+        _, size, directions = np.linalg.svd(centres - middle, full_matrices=False)
+        along = directions[0] * np.sign(directions[0][0] or 1.0)
+        way = (centres - middle) @ along
+        length = float(np.ptp(way))
+        if size[1] > NOT_STRAIGHT * size[0] or length < max(4 * path.radius, best):
+            continue
+        # the normal that points down in the picture
+        below = np.array([-along[1], along[0]]) * path.radius
+        ends = [tuple(float(value) for value in middle + place * along + below) for place in (way.min(), way.max())]
+        best, line = length, (ends[0], ends[1])
+    return line  # type: ignore[return-value]
 
 
 def _poorly_lit(samples: Mapping[int, FloatImage]) -> str:

@@ -143,6 +143,13 @@ def find_arm(frames: dict[int, FloatImage], plate: Line | None = None) -> Arm | 
     return _picture_of(dict(zip(numbers, directions.tolist(), strict=True)), pivot, frames, plate)
 
 
+def arm_at_rest(frames: dict[int, FloatImage], plate: Line) -> Arm | None:
+    """The plate along a line [px] in sample frames in which it does not turn; None if no edge lies there."""
+    left, right = sorted(plate)
+    directions = dict.fromkeys(sorted(frames), _slope_of((left, right)))
+    return _picture_of(directions, left, frames, (left, right))
+
+
 def _slope_of(plate: Line) -> float:
     """Direction [rad] of a stated line, positive if it falls to the right."""
     return math.atan2(plate[1][1] - plate[0][1], plate[1][0] - plate[0][0])

@@ -30,10 +30,10 @@ FACTOR = {"slide": 1.0, "roll": 5 / 7}
 X264 = {"crf": "16", "preset": "veryfast", "x264-params": "mbtree=0"}
 
 
-def way_down(times, alpha, onset, variant, drop=0.85):
+def way_down(times, alpha, onset, variant, drop=None):
     """Displacement [m] of a body that starts at `onset` on a plate at `alpha(t)`; friction drops by a factor `drop`."""
     fine = np.arange(0.0, times[-1] + 0.01, 1e-4)
-    mu = math.tan(float(alpha(onset))) * (drop if variant == "slide" else 1.0)
+    mu = math.tan(float(alpha(onset))) * (drop or {"slide": 0.85, "roll": 1.0}[variant])
     push = FACTOR[variant] * G * (np.sin(alpha(fine)) - mu * np.cos(alpha(fine)))
     speed = np.cumsum(np.where(fine > onset, push, 0.0)) * 1e-4
     return np.interp(times, fine, np.cumsum(speed) * 1e-4)
@@ -317,12 +317,26 @@ def draw(alpha, down, *, roll, ball, background, post=None):
     return cv2.resize(picture, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
 
 
-def clip(path, *, variant, angle_deg, fps=50.0, rate_deg=3.0, roll_deg=0.0, noise=2.0, still=False, post=None, lost=()):
+def clip(
+    path,
+    *,
+    variant,
+    angle_deg,
+    fps=50.0,
+    rate_deg=3.0,
+    roll_deg=0.0,
+    noise=2.0,
+    still=False,
+    post=None,
+    lost=(),
+    drop=None,
+):
     rng = np.random.default_rng(3)
     onset = 0.9
     times = np.arange(0, 66) / fps
     alpha = np.radians(angle_deg + rate_deg * (times - onset))
-    down = way_down(times, lambda t: np.radians(angle_deg + rate_deg * (t - onset)), onset, variant, 0.8)
+    drop = drop or {"slide": 0.8, "roll": 1.0}[variant]
+    down = way_down(times, lambda t: np.radians(angle_deg + rate_deg * (t - onset)), onset, variant, drop)
     down = np.zeros_like(down) if still else np.minimum(down, 0.1)
     background = cv2.GaussianBlur(rng.uniform(120, 200, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), 9)
     background = np.clip(160 + 6 * (background - 160), 0, 255).astype(np.uint8)
@@ -387,6 +401,43 @@ def test_a_post_in_front_of_the_plate_is_not_taken_for_the_body(tmp_path, varian
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=14.0 if variant == "slide" else 6.0, post=post)
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012)
     assert pick(result, "onset_time").value == pytest.approx(0.9, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("variant", "angle", "drop", "name"),
+    [("slide", 30.0, 0.6, "kinetic_friction"), ("roll", 6.0, 0.3, "rolling_friction")],
+)
+def test_a_plate_at_rest_gives_the_friction_in_motion(tmp_path, variant, angle, drop, name):
+    film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=angle, rate_deg=0.0, roll_deg=1.0, drop=drop)
+    camera = Camera(frame_rate=50.0, scale=SCALE)
+    result = tilt_measurement.measure(film, camera, variant=variant, out=tmp_path / "out")
+    assert [quantity.quantity for quantity in result.quantities] == [name, "plate_angle"]
+    friction, plate = result.quantities
+    assert friction.value == pytest.approx(drop * math.tan(math.radians(angle)), abs=0.002)
+    assert plate.value == pytest.approx(angle, abs=0.1)
+    for quantity, truth in ((friction, drop * math.tan(math.radians(angle))), (plate, angle)):
+        assert quantity.interval95[0] < truth < quantity.interval95[1]
+        assert not quantity.doubtful
+    assert "stands still" in result.warnings[-1]
+    assert all(path.stat().st_size > 0 for path in result.files.values())
+    with pytest.raises(NothingToMeasure, match="lengths are not known"):
+        tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant)
+
+
+def test_the_track_on_a_plate_at_rest_may_be_a_table_in_any_axes(tmp_path):
+    times, angle = np.arange(0, 1.2, 0.01), 25.0
+    down = np.minimum(way_down(times, lambda t: np.full_like(t, math.radians(angle)), 0.5, "slide", 0.7), 0.3)
+    down += 2e-5 * np.random.default_rng(1).standard_normal(len(times))
+    along = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    rows = [
+        f"{t:.3f},{1e3 * s * along[0]:.4f},{1e3 * s * along[1]:.4f},{angle}" for t, s in zip(times, down, strict=True)
+    ]
+    table = tmp_path / "track.csv"
+    table.write_text("\n".join(["time (s),x (mm),y (mm),angle (deg)", *rows]))  # x to the falling side, y downwards
+    result = tilt_measurement.measure(table, Camera(), variant="slide")
+    found = pick(result, "kinetic_friction")
+    assert found.value == pytest.approx(0.7 * math.tan(math.radians(angle)), abs=0.001)
+    assert found.interval95[0] < 0.7 * math.tan(math.radians(angle)) < found.interval95[1]
 
 
 def in_first_frame(x: float, y: float) -> tuple[float, float]:
