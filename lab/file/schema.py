@@ -279,9 +279,10 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "cylinder": ("packing",),
     "floor": ("packing",),
     "circle": ("drum",),
+    "averaged": ("drum",),
     "slot": (),
 }
-"""Rigs of which a place in the picture may be stated."""
+"""Rigs of which something that is else found in the picture may be stated."""
 
 
 class CameraEntry(_Entry):
@@ -303,6 +304,7 @@ class CameraEntry(_Entry):
     cylinder: Line | None = None
     floor: Annotated[float, _edge(_floor)] | None = None
     circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = None
+    averaged: bool = False
     slot: Line | None = None
 
     def camera(self, folder: Path = HERE) -> camera.Camera:

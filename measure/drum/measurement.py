@@ -28,6 +28,7 @@ from rigtwin.measure.drum.evaluate import (
     evaluate_slope,
     must_be_positive,
     rising_side,
+    share_of,
 )
 from rigtwin.measure.drum.profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum.rim import Rim
@@ -37,6 +38,11 @@ from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.photo import PHOTOS, read_photo
 from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.scene.checks import camera_by_scene
+
+ONE_PICTURE = (
+    "a single picture shows one moment of the flow; film the drum for a mean over time, or state --averaged if the "
+    "picture is one."
+)
 
 
 def measure(
@@ -91,7 +97,7 @@ def measure(
     surface rises.
     """
     must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
-    share = bead_diameter / drum_diameter if bead_diameter and drum_diameter else None
+    share = share_of(bead_diameter, drum_diameter)
     if share is not None and share > 0.5:
         raise BadInput(
             "measure drum: the bead is larger than half of the drum; check --bead-diameter and --drum-diameter."
@@ -110,14 +116,17 @@ def measure(
                 f"{clip}: no round drum was found with a bed that differs in colour from what is above it; "
                 "give a picture of the drum's end with the whole rim in view."
             )
-        warnings.append("a single picture shows one moment of the flow; film the drum for a mean over time.")
+        if not camera.averaged:
+            warnings.append(ONE_PICTURE)
     else:
         shown = at_its_pace(open_video(clip, camera), progress)
         warnings += shown.warnings
         rate, spoilt = shown.frame_rate, shown.spoilt
         bed = follow_bed(shown, camera, bead_share=share, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
-    seen = _observation(bed, scale or 1.0, bead_diameter)
+    if share is None and scale is not None:
+        share = share_of(bead_diameter, 2 * bed.rim.radius * scale)
+    seen = _observation(bed, scale or 1.0, share, camera.averaged)
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
@@ -187,14 +196,20 @@ def _measure_table(
     """Evaluate a table of the surface's slope over time, or of the surface."""
     slope = read_series(path, ["angle"], options, frame_rate=camera.frame_rate)
     if slope is not None:
-        evaluation = evaluate_slope(slope.series, speed)
+        share = share_of(bead_diameter, drum_diameter)
+        evaluation = evaluate_slope(slope.series, speed, bead_share=share, averaged=camera.averaged)
         understood = slope.understood
         profiles: tuple[Profile, ...] = ()
     else:
         read = read_profiles(path, options, scale=camera.given_scale, frame_rate=camera.frame_rate)
         understood, profiles = read.understood, read.profiles
         evaluation = evaluate(
-            profiles, read.times, drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter
+            profiles,
+            read.times,
+            drum_diameter=drum_diameter,
+            speed=speed,
+            bead_diameter=bead_diameter,
+            averaged=camera.averaged,
         )
     result = Measurement(
         rig="drum",
@@ -222,7 +237,7 @@ def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float
     return None, "not known"
 
 
-def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observation:
+def _observation(bed: Bed, unit: float, bead_share: float | None, averaged: bool) -> Observation:
     outlines = credible(bed.outlines)
     hidden = hidden_columns(outlines)
     outlines = without_flights(outlines, bed.bead)
@@ -244,7 +259,8 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
         math.degrees(bed.upright.sigma),
         bed.upright.source != NOT_SEEN,
         True,
-        bead_diameter or bed.bead * unit,
+        bead_share,
+        averaged,
     )
 
 
