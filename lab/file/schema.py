@@ -171,6 +171,12 @@ def _circle(value: Any) -> tuple[float, float, float]:
     return camera.circle(_text(value, "320,240,200"), name="value")
 
 
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise BadInput(f"{value!r} is neither true nor false; write it without quotes.")
+    return value
+
+
 def _floor(value: Any) -> float:
     return camera.height(value, name="value")
 
@@ -304,7 +310,7 @@ class CameraEntry(_Entry):
     cylinder: Line | None = None
     floor: Annotated[float, _edge(_floor)] | None = None
     circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = None
-    averaged: bool = False
+    averaged: Annotated[bool, _edge(_flag)] = False
     slot: Line | None = None
 
     def camera(self, folder: Path = HERE) -> camera.Camera:

@@ -56,22 +56,25 @@ VIEW_UNCERTAINTY = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
 # a line over a curved surface has the mean slope of its two halves, so half of the uncertainty of each
 HALVES_UNCERTAINTY = math.hypot(VIEW_UNCERTAINTY[LOWER], VIEW_UNCERTAINTY[UPPER]) / 2
 
-# [deg], standard deviation about the mean over time of the angle in one moment, in a drum WIDE beads wide.  Beads of
-# about 0.3 diameters of roughness move the slope of a line over n beads by n^-1.5.
-EXPONENT = 1.5
+# [deg], standard deviation of the angle in one moment about its mean over time, in units of bead over drum diameter, to
+# which it is proportional.  From twins of drums 11 to 34 beads wide (benchmarks/measure/drum_moments.py).  Ray-traced
+# drums of other physics have 0.75 to 1 of it, published repetitions 0.5 to 1.8 (Hlosta et al. 2020, table 14).
 ONE_MOMENT = {
-    (GRAPHICAL, MIDDLE): 2.0,
-    (GRAPHICAL, WHOLE): 1.4,
-    (LOWER, "line, 10-50 %"): 2.6,
-    (UPPER, "line, 50-90 %"): 2.6,
-    (GEOMETRIC, CHORD): 1.4,
-    (GRAPHICAL, TANGENT): 3.8,
+    (GRAPHICAL, MIDDLE): 59.0,
+    (GRAPHICAL, WHOLE): 42.0,
+    (LOWER, "line, 10-50 %"): 79.0,
+    (UPPER, "line, 50-90 %"): 79.0,
+    (GEOMETRIC, CHORD): 39.0,
+    (GRAPHICAL, TANGENT): 115.0,
 }
-WIDE = 25.0
 
-PRIOR = 8.0
+# degrees of freedom to which ONE_MOMENT is known of one drum: a standard deviation of ten scatters by 22 %; that of
+# different twins by 16 %, that of ray-traced drums and published repetitions by more
+PRIOR = 10.0
 
-MEMORY = 0.1
+MEMORY = 0.1  # turns, after which the surface is another one; largest value in the same twins, of the line over 10-90 %
+
+USUAL_SHARE = 0.04  # [1], bead over drum diameter where it is not known
 
 MOST_BOW = 0.2  # sagitta over length of the surface; an S-shape has none about its middle, the drum's own arc 0.5
 
@@ -376,7 +379,7 @@ def _s_shaped(means: Mapping[tuple[str, str], Mean]) -> bool:
 
 @dataclass(frozen=True)
 class Flow:
-    """What a record says of the flow's fluctuation."""
+    """How well the mean over a record stands for the long-run mean of the fluctuating flow."""
 
     std_uncertainty: float  # [deg], of the mean over time; 1.96 of it cover 95 %
     frames: int
@@ -389,28 +392,25 @@ def _flow(key: tuple[str, str], mean: Mean, times: Array, seen: Observation, spe
 
     if seen.averaged:
         return Flow(mean.std_error, len(times), mean.independent)
-    if len(times) < SHORTEST and speed is not None:  # too few for their correlation: count moments by turns
+    if len(times) < SHORTEST and speed is not None:  # too few to show their correlation
         turns = abs(speed) * float(times[-1] - times[0]) / (2 * math.pi)
         independent = moments = min(float(len(times)), 1 + turns / MEMORY)
-        observed = 0.0
+        observed, weight = 0.0, PRIOR
     else:
         # at least three moments: neighbours that agree may all show one moment, so two of them carry no information,
         # even in a record that never returns to its mean
-        independent, moments, observed = mean.independent, max(mean.independent - 2, 1.0), mean.std_error
+        independent, moments = mean.independent, max(mean.independent - 2, 1.0)
+        observed, weight = mean.std_error, 1.0  # a film shows its own drum's scatter
     usual = one_moment(key, seen.bead_share)
-    freedom = PRIOR + moments - 1
     # the observed scatter and the usual one, each weighted by its degrees of freedom
-    scatter = math.sqrt((PRIOR * usual**2 + (moments - 1) * mean.deviation**2) / freedom)
-    widened = float(student.ppf(0.975, freedom)) / 1.959964
-    return Flow(max(observed, scatter / math.sqrt(moments) * widened), len(times), independent)
+    scatter2 = (weight * usual**2 + (moments - 1) * mean.deviation**2) / (weight + moments - 1)
+    widened = float(student.ppf(0.975, PRIOR + moments - 1)) / 1.959964
+    return Flow(max(observed, math.sqrt(scatter2 / moments) * widened), len(times), independent)
 
 
 def one_moment(key: tuple[str, str], bead_share: float | None) -> float:
-    """Usual standard deviation [deg] of an angle (quantity, method) in one moment about its mean over time.
-
-    `bead_share` is bead over drum diameter; where it is not known, that of a drum `WIDE` beads wide is taken.
-    """
-    return ONE_MOMENT[key] * (WIDE * bead_share) ** EXPONENT if bead_share is not None else ONE_MOMENT[key]
+    """Usual standard deviation [deg] of an angle (quantity, method) in one moment about its mean over time."""
+    return ONE_MOMENT[key] * (USUAL_SHARE if bead_share is None else bead_share)
 
 
 def share_of(bead_diameter: float | None, drum_diameter: float | None) -> float | None:

@@ -22,6 +22,7 @@ from rigtwin.measure.drawing import with_record_plot
 from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
 from rigtwin.measure.drum.evaluate import (
+    USUAL_SHARE,
     Observation,
     evaluate,
     evaluate_observation,
@@ -41,7 +42,11 @@ from rigtwin.measure.scene.checks import camera_by_scene
 
 ONE_PICTURE = (
     "a single picture shows one moment of the flow; film the drum for a mean over time, or state --averaged if the "
-    "picture is one."
+    "picture is such a mean."
+)
+BEAD_NOT_KNOWN = (
+    f"the scatter from moment to moment is taken as that of beads of {USUAL_SHARE:.0%} of the drum's diameter; give "
+    "--bead-diameter."
 )
 
 
@@ -116,17 +121,14 @@ def measure(
                 f"{clip}: no round drum was found with a bed that differs in colour from what is above it; "
                 "give a picture of the drum's end with the whole rim in view."
             )
-        if not camera.averaged:
-            warnings.append(ONE_PICTURE)
     else:
         shown = at_its_pace(open_video(clip, camera), progress)
         warnings += shown.warnings
         rate, spoilt = shown.frame_rate, shown.spoilt
         bed = follow_bed(shown, camera, bead_share=share, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
-    if share is None and scale is not None:
-        share = share_of(bead_diameter, 2 * bed.rim.radius * scale)
-    seen = _observation(bed, scale or 1.0, share, camera.averaged)
+    seen = _observation(bed, scale or 1.0, share or share_of(bead_diameter, _diameter(bed, scale)), camera.averaged)
+    warnings += _of_one_picture(bed, seen)
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
@@ -235,6 +237,18 @@ def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float
     if drum_diameter is not None:
         return drum_diameter / (2 * bed.rim.radius), "drum diameter"
     return None, "not known"
+
+
+def _diameter(bed: Bed, scale: float | None) -> float | None:
+    """[m], of the drum, None where the scale is not known."""
+    return None if scale is None else 2 * bed.rim.radius * scale
+
+
+def _of_one_picture(bed: Bed, seen: Observation) -> list[str]:
+    """Warnings that a photo is one moment of the flow, unless it is stated to be a mean."""
+    if bed.poses or seen.averaged:
+        return []
+    return [ONE_PICTURE] if seen.bead_share is not None else [ONE_PICTURE, BEAD_NOT_KNOWN]
 
 
 def _observation(bed: Bed, unit: float, bead_share: float | None, averaged: bool) -> Observation:
