@@ -69,13 +69,13 @@ def measure(
         Video or photo of the end of the drum; or a table of its surface, at one time or over time, with the origin on
         the drum's axis, or of the surface's slope over time (`rigtwin.lab.tracked`).
     camera : Camera
-        Scale, roll, region, frame rate and other settings of the camera.
+        Scale, roll, region, frame rate and other settings of the camera; whether a picture is a mean over time.
     drum_diameter : float or None
         Inner diameter of the drum [m].
     speed : float, optional
         Angular speed of the drum [rad/s]; used for the Froude number and to recognise avalanches.
     bead_diameter : float, optional
-        Bead diameter [m].
+        Bead diameter [m]; sets how much the angle scatters from moment to moment.
     table : TableOptions, optional
         Columns of a table.
     out : Path
