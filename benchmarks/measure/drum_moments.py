@@ -5,7 +5,7 @@
 Twins of drums that differ in bead, wall, width, depth, speed and fill are looked at 150 times in a turn.  Those of
 `CALIBRATION` give the constants of `rigtwin.measure.drum.evaluate`: ONE_MOMENT, PRIOR and MEMORY.  Those of
 `HELD_OUT` did not: from each, sets of 1, 2, 3 and 5 moments and short films are drawn and evaluated, and their
-intervals compared with the mean over the whole record.  Simulated profiles are kept in the folder `--kept` and used again.
+intervals compared with the mean over the whole record.  Simulated profiles are kept in the folder `--kept`.
 """
 
 from __future__ import annotations
@@ -197,15 +197,18 @@ def coverage(records: Sequence[Record]) -> list[Row]:
                     hits.setdefault((key, count), []).append(hit)
                     if key == MAIN:
                         by_drum.setdefault((each.case, count), []).append(hit)
-    rows = [
-        Row(f"{count} {'moment' if count == 1 else 'moments'}, {key[0]}, {key[1]}: 95 % intervals", float(np.mean(each)), "1", 0.95, "0.90 to 0.99",
-            0.90 <= float(np.mean(each)) <= 0.99, f"{len(each)} sets of {len(records)} drums")
-        for (key, count), each in sorted(hits.items())
-    ]  # fmt: skip
-    return rows + [
-        Row(f"{count} moments, {case}: 95 % intervals", float(np.mean(held)), "1", 0.95)
-        for (case, count), held in by_drum.items()
-    ]
+    rows = []
+    for (key, count), each in sorted(hits.items()):
+        share, name = float(np.mean(each)), f"{_counted(count)}, {key[0]}, {key[1]}: 95 % intervals"
+        note = f"{len(each)} sets of {len(records)} drums"
+        rows.append(Row(name, share, "1", 0.95, "0.90 to 0.99", 0.90 <= share <= 0.99, note))
+    for (case, count), each in by_drum.items():
+        rows.append(Row(f"{_counted(count)}, {case}: 95 % intervals", float(np.mean(each)), "1", 0.95))
+    return rows
+
+
+def _counted(count: int) -> str:
+    return f"{count} moment{'' if count == 1 else 's'}"
 
 
 def films(records: Sequence[Record]) -> list[Row]:

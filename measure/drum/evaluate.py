@@ -392,20 +392,20 @@ def _flow(key: tuple[str, str], mean: Mean, times: Array, seen: Observation, spe
 
     if seen.averaged:
         return Flow(mean.std_error, len(times), mean.independent)
-    if len(times) < SHORTEST and speed is not None:  # too few to show their correlation
-        turns = abs(speed) * float(times[-1] - times[0]) / (2 * math.pi)
-        independent = moments = min(float(len(times)), 1 + turns / MEMORY)
-        observed, weight = 0.0, PRIOR
-    else:
-        # at least three moments: neighbours that agree may all show one moment, so two of them carry no information,
-        # even in a record that never returns to its mean
-        independent, moments = mean.independent, max(mean.independent - 2, 1.0)
-        observed, weight = mean.std_error, 1.0  # a film shows its own drum's scatter
+    few = len(times) < SHORTEST  # too few to show their correlation
+    turns = 0.0 if speed is None else abs(speed) * float(times[-1] - times[0]) / (2 * math.pi)
+    by_turns = min(float(len(times)), 1 + turns / MEMORY)
+    # of a film three independent moments at least are found: neighbours that agree may all show one moment, so two of
+    # them carry no information, even in a record that never returns to its mean
+    moments = by_turns if few else max(by_turns, mean.independent - 2)
+    weight = PRIOR if few else 1.0  # a film shows its own drum's scatter
+    observed = mean.std_error if speed is None else 0.0
     usual = one_moment(key, seen.bead_share)
     # the observed scatter and the usual one, each weighted by its degrees of freedom
     scatter2 = (weight * usual**2 + (moments - 1) * mean.deviation**2) / (weight + moments - 1)
     widened = float(student.ppf(0.975, PRIOR + moments - 1)) / 1.959964
-    return Flow(max(observed, math.sqrt(scatter2 / moments) * widened), len(times), independent)
+    error = max(observed, math.sqrt(scatter2 / moments) * widened)
+    return Flow(error, len(times), moments if few else mean.independent)
 
 
 def one_moment(key: tuple[str, str], bead_share: float | None) -> float:
