@@ -291,6 +291,10 @@ def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     choices = next((get_args(each) for each in kinds if get_origin(each) is Literal), None)
     if choices is not None and value not in choices:
         raise _unknown(name, value, choices)
+    if (kind is bool or bool in kinds) and not isinstance(value, bool):
+        from rigtwin.lab.errors import BadInput
+
+        raise BadInput(f"{name}: {value!r} is neither True nor False.")
     whole = int in kinds or kind is int
     if whole and (isinstance(value, bool) or not isinstance(value, int) or not _within(value, option)):
         from rigtwin.lab.errors import BadInput

@@ -182,6 +182,10 @@ CAMERA: dict[str, Any] = {
     "circle": Annotated[
         Any, _read_by("circle", "--circle", "cx,cy,r", "The drum's inner rim: centre and radius (pixels).")
     ],
+    "averaged": Annotated[
+        bool | None,
+        typer.Option("--averaged", help="The picture is a mean over time, as of a GranuDrum, not one moment."),
+    ],
     "slot": Annotated[Any, _read_by("line", "--slot", "x1,y1,x2,y2", "The two edges of the outlet (pixels).")],
 }
 """What the person says of the camera; the same words are keys of ``[experiments.camera]`` in lab.toml."""
@@ -322,6 +326,7 @@ def camera_of(
     plumb_line: float | None = None,
     ignore: list[Any] | None = None,
     pivot: list[Any] | None = None,
+    averaged: bool | None = None,
     **said: Any,
 ) -> Any:
     """The `Camera` that the options describe."""
@@ -335,6 +340,7 @@ def camera_of(
         roll=camera_roll if plumb_line is None else plumb_line,
         ignore=tuple(ignore or ()),
         pivots=tuple(pivot or ()),
+        averaged=bool(averaged),
     )
     if described.board is None:
         return described

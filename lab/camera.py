@@ -111,6 +111,7 @@ class Camera:
     cylinder: Line | None = None  # packing: inner walls at the floor
     floor: float | None = None  # [px] packing: y of the floor
     circle: tuple[float, float, float] | None = None  # [px] drum: centre x, y and radius of the inner rim
+    averaged: bool = False  # drum: each picture is a mean over time, not one moment
     slot: Line | None = None  # hopper: the two edges of the outlet
 
     def __post_init__(self) -> None:
@@ -157,9 +158,9 @@ class Camera:
 
     @property
     def stated(self) -> tuple[str, ...]:
-        """Names of the places that are used as stated instead of being found."""
-        names = ("bead_at", "plate", "pivots", "base", "flank", "cylinder", "floor", "circle", "slot")
-        return tuple(name for name in names if getattr(self, name) not in (None, ()))
+        """Names of what is used as stated instead of being found."""
+        names = ("bead_at", "plate", "pivots", "base", "flank", "cylinder", "floor", "circle", "averaged", "slot")
+        return tuple(name for name in names if getattr(self, name) not in (None, (), False))
 
     @property
     def stated_view(self) -> dict[str, list[str]]:

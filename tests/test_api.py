@@ -74,6 +74,7 @@ def test_a_twin_has_values_and_a_table():
         (lambda: rigtwin.measure("dropp", CLIP), "did you mean 'drop'"),
         (lambda: rigtwin.measure("drop", CLIP, CLIP), "give one clip"),
         (lambda: rigtwin.measure("drop", CLIP, bead_diameter="6"), "^bead_diameter: "),
+        (lambda: rigtwin.measure("drum", CLIP, averaged="no"), "^averaged: 'no' is neither True nor False"),
         (lambda: rigtwin.simulate("pile", base_diameter="90 mm", count=1.5), "^count: .*whole number"),
         (lambda: rigtwin.simulate("tilt", variant="slid"), "did you mean 'slide'"),
         (lambda: rigtwin.simulate("drop"), "^drop_height: is missing"),

@@ -264,6 +264,26 @@ def test_a_twin_s_advice_in_a_comparison_names_no_option_that_compare_does_not_h
     assert "-limit" not in capfd.readouterr().out
 
 
+def test_a_table_of_a_drum_is_one_moment_unless_it_is_stated_to_be_a_mean(tmp_path, capfd):
+    table = tmp_path / "surface.csv"
+    table.write_text(
+        "\n".join(["x_m,height_m", *(f"{x / 1e3},{0.6 * x / 1e3 - 0.01}" for x in range(-60, 61, 4))]) + "\n"
+    )
+    command = ["measure", "drum", str(table), "--drum-diameter", "150mm", "--bead-diameter", "6mm", "--json"]
+    parts = []
+    for more in ([], ["--averaged"]):
+        assert run([*command, *more, "--out", str(tmp_path / f"out{len(more)}")]) == 0
+        parts.append([each.get("budget", {}) for each in json.loads(capfd.readouterr().out)["quantities"]])
+    assert parts[0]
+    assert all("flow over time" in each for each in parts[0])
+    assert not any("flow over time" in each for each in parts[1])
+
+
+@pytest.mark.parametrize("rig", ["drop", "pendulum", "tilt", "packing", "pile", "hopper"])
+def test_only_a_drum_can_be_averaged(rig, tmp_path, capfd):
+    refused(["measure", rig, tmp_path / "one.mp4", "--averaged"], capfd, "--averaged")
+
+
 @pytest.mark.parametrize("rig", ["pile", "packing"])
 def test_a_copy_of_a_photo_is_no_further_view(tmp_path, capfd, rig):
     photos = [tmp_path / name for name in ("front.jpg", "other.jpg", "side.jpg")]

@@ -171,6 +171,12 @@ def _circle(value: Any) -> tuple[float, float, float]:
     return camera.circle(_text(value, "320,240,200"), name="value")
 
 
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise BadInput(f"{value!r} is neither true nor false; write it without quotes.")
+    return value
+
+
 def _floor(value: Any) -> float:
     return camera.height(value, name="value")
 
@@ -279,9 +285,10 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "cylinder": ("packing",),
     "floor": ("packing",),
     "circle": ("drum",),
+    "averaged": ("drum",),
     "slot": (),
 }
-"""Rigs of which a place in the picture may be stated."""
+"""Rigs of which something that is else found in the picture may be stated."""
 
 
 class CameraEntry(_Entry):
@@ -303,6 +310,7 @@ class CameraEntry(_Entry):
     cylinder: Line | None = None
     floor: Annotated[float, _edge(_floor)] | None = None
     circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = None
+    averaged: Annotated[bool, _edge(_flag)] = False
     slot: Line | None = None
 
     def camera(self, folder: Path = HERE) -> camera.Camera:

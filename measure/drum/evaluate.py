@@ -13,7 +13,7 @@ from rigtwin.lab.drum_flow import froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile, Series
-from rigtwin.measure.drum.time_average import Avalanches, Mean, find_avalanches, mean_over_time, steady_part
+from rigtwin.measure.drum.time_average import SHORTEST, Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 from rigtwin.measure.media.time_base import UNSTEADY
 
 GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
@@ -56,7 +56,25 @@ VIEW_UNCERTAINTY = {GRAPHICAL: 0.25, LOWER: 0.5, UPPER: 1.2, GEOMETRIC: 1.2}
 # a line over a curved surface has the mean slope of its two halves, so half of the uncertainty of each
 HALVES_UNCERTAINTY = math.hypot(VIEW_UNCERTAINTY[LOWER], VIEW_UNCERTAINTY[UPPER]) / 2
 
-ONE_MOMENT = 2.0  # [deg], standard deviation of the angle in one moment, seen in drums 25 beads wide
+# [deg], standard deviation of the angle in one moment about its mean over time, in units of bead over drum diameter, to
+# which it is proportional.  From twins of drums 11 to 34 beads wide (benchmarks/measure/drum_moments.py).  Ray-traced
+# drums of other physics have 0.75 to 1 of it, published repetitions 0.5 to 1.8 (Hlosta et al. 2020, table 14).
+ONE_MOMENT = {
+    (GRAPHICAL, MIDDLE): 59.0,
+    (GRAPHICAL, WHOLE): 42.0,
+    (LOWER, "line, 10-50 %"): 79.0,
+    (UPPER, "line, 50-90 %"): 79.0,
+    (GEOMETRIC, CHORD): 39.0,
+    (GRAPHICAL, TANGENT): 115.0,
+}
+
+# degrees of freedom to which ONE_MOMENT is known of one drum: a standard deviation of ten scatters by 22 %; that of
+# different twins by 16 %, that of ray-traced drums and published repetitions by more
+PRIOR = 10.0
+
+MEMORY = 0.1  # turns, after which the surface is another one; largest value in the same twins, of the line over 10-90 %
+
+USUAL_SHARE = 0.04  # [1], bead over drum diameter where it is not known
 
 MOST_BOW = 0.2  # sagitta over length of the surface; an S-shape has none about its middle, the drum's own arc 0.5
 
@@ -81,7 +99,8 @@ class Observation:
     roll_uncertainty: float = 0.0  # [deg], standard uncertainty of the camera roll
     roll_seen: bool = True  # whether the roll was measured or stated
     filmed: bool = False
-    bead: float | None = None  # bead diameter, in the unit of the profiles
+    bead_share: float | None = None  # [1], bead diameter over drum diameter; None: not known
+    averaged: bool = False  # whether each profile is a mean over time
 
 
 def evaluate(
@@ -91,6 +110,7 @@ def evaluate(
     drum_diameter: float | None,
     speed: float | None = None,
     bead_diameter: float | None = None,
+    averaged: bool = False,
 ) -> Evaluation:
     """Evaluate the angles of a drum's surface from its profiles over time, filmed or simulated.
 
@@ -106,7 +126,9 @@ def evaluate(
     speed : float, optional
         Angular speed of the drum [rad/s].
     bead_diameter : float, optional
-        Bead diameter [m].
+        Bead diameter [m]; sets how much the angle scatters from moment to moment.
+    averaged : bool
+        Whether each profile is a mean over time, which does not scatter as one moment does.
 
     Returns
     -------
@@ -144,10 +166,13 @@ def evaluate(
     if len(times) > 1 and not np.all(np.diff(times) > 0):
         raise BadInput("drum: times do not increase from profile to profile; sort the profiles by time.")
     radius = drum_diameter / 2 if drum_diameter is not None else None
-    return evaluate_observation(Observation(profiles, times, radius, bead=bead_diameter), speed, radius)
+    seen = Observation(profiles, times, radius, bead_share=share_of(bead_diameter, drum_diameter), averaged=averaged)
+    return evaluate_observation(seen, speed, radius)
 
 
-def evaluate_slope(slope: Series, speed: float | None = None) -> Evaluation:
+def evaluate_slope(
+    slope: Series, speed: float | None = None, *, bead_share: float | None = None, averaged: bool = False
+) -> Evaluation:
     """Evaluate the slope of a drum's surface over time, measured elsewhere.
 
     Parameters
@@ -156,6 +181,10 @@ def evaluate_slope(slope: Series, speed: float | None = None) -> Evaluation:
         Angle of the surface against the horizontal over time [s], in "rad" or "deg".
     speed : float, optional
         Angular speed of the drum [rad/s].
+    bead_share : float, optional
+        Bead diameter over drum diameter [1].
+    averaged : bool
+        Whether each slope is that of a mean over time.
 
     Returns
     -------
@@ -171,7 +200,8 @@ def evaluate_slope(slope: Series, speed: float | None = None) -> Evaluation:
     x = np.linspace(-1.0, 1.0, 9)  # in any unit: a straight surface has the slope everywhere
     tangents = np.tan(np.radians(slope.value) if slope.unit == "deg" else slope.value)
     surfaces = [Profile(x, tangent * x, np.full(len(x), np.nan)) for tangent in tangents]
-    found = evaluate_observation(Observation(surfaces, slope.time, None), speed, None)
+    seen = Observation(surfaces, slope.time, None, bead_share=bead_share, averaged=averaged)
+    found = evaluate_observation(seen, speed, None)
     kept = [each for each in found.quantities if each.method == MIDDLE or each.quantity not in OF_SURFACE]
     quantities = tuple(
         replace(each, method=SLOPE) if each.method == MIDDLE and each.quantity == GRAPHICAL else each for each in kept
@@ -250,7 +280,15 @@ def evaluate_observation(seen: Observation, speed: float | None, radius: float |
             for part, pair in varied.items()
         }
         quantities.append(
-            _quantity(key, mean, uncertainties, seen, int(np.isfinite(angles[key][kept]).sum()), rises, s_shaped)
+            _quantity(
+                key,
+                mean,
+                _flow(key, mean, seen.times[kept][np.isfinite(angles[key][kept])], seen, speed),
+                uncertainties,
+                seen,
+                rises,
+                s_shaped,
+            )
         )
     warnings = []
     if isinstance(avalanches, str):
@@ -339,22 +377,58 @@ def _s_shaped(means: Mapping[tuple[str, str], Mean]) -> bool:
     return apart > max(S_SHAPE, 2 * math.hypot(upper.std_error, lower.std_error))
 
 
+@dataclass(frozen=True)
+class Flow:
+    """How well the mean over a record stands for the long-run mean of the fluctuating flow."""
+
+    std_uncertainty: float  # [deg], of the mean over time; 1.96 of it cover 95 %
+    frames: int
+    independent: float  # number of independent moments
+
+
+def _flow(key: tuple[str, str], mean: Mean, times: Array, seen: Observation, speed: float | None) -> Flow:
+    """Uncertainty of a mean over the `times` at which the angle was seen."""
+    from scipy.stats import t as student
+
+    if seen.averaged:
+        return Flow(mean.std_error, len(times), mean.independent)
+    few = len(times) < SHORTEST  # too few to show their correlation
+    turns = 0.0 if speed is None else abs(speed) * float(times[-1] - times[0]) / (2 * math.pi)
+    by_turns = min(float(len(times)), 1 + turns / MEMORY)
+    # of a film three independent moments at least are found: neighbours that agree may all show one moment, so two of
+    # them carry no information, even in a record that never returns to its mean
+    moments = by_turns if few else max(by_turns, mean.independent - 2)
+    weight = PRIOR if few else 1.0  # a film shows its own drum's scatter
+    observed = mean.std_error if speed is None else 0.0
+    usual = one_moment(key, seen.bead_share)
+    # the observed scatter and the usual one, each weighted by its degrees of freedom
+    scatter2 = (weight * usual**2 + (moments - 1) * mean.deviation**2) / (weight + moments - 1)
+    widened = float(student.ppf(0.975, PRIOR + moments - 1)) / 1.959964
+    error = max(observed, math.sqrt(scatter2 / moments) * widened)
+    return Flow(error, len(times), moments if few else mean.independent)
+
+
+def one_moment(key: tuple[str, str], bead_share: float | None) -> float:
+    """Usual standard deviation [deg] of an angle (quantity, method) in one moment about its mean over time."""
+    return ONE_MOMENT[key] * (USUAL_SHARE if bead_share is None else bead_share)
+
+
+def share_of(bead_diameter: float | None, drum_diameter: float | None) -> float | None:
+    """Bead over drum diameter [1] where both are known."""
+    return bead_diameter / drum_diameter if bead_diameter and drum_diameter else None
+
+
 def _quantity(
     key: tuple[str, str],
     mean: Mean,
+    flow: Flow,
     uncertainties: Mapping[str, float],
     seen: Observation,
-    frames: int,
     rises: float,
     s_shaped: bool,
 ) -> Quantity:
     name, method = key
-    # at least three moments: neighbours that agree may all show one moment, so two of them carry no information, even
-    # in a record that never returns to its mean
-    moments = max(mean.independent - 2, 1.0)
-    # the observed scatter, weighted by its degrees of freedom against the usual scatter
-    scatter2 = ((moments - 1) * mean.deviation**2 + ONE_MOMENT**2) / moments
-    budget = {"flow over time": max(mean.std_error, math.sqrt(scatter2 / moments))}
+    budget = {"flow over time": flow.std_uncertainty}
     budget |= {"camera roll" if seen.roll_seen else "camera roll, not measured": seen.roll_uncertainty, **uncertainties}
     if seen.filmed:
         budget["perspective, beads in flight"] = HALVES_UNCERTAINTY if method == WHOLE else VIEW_UNCERTAINTY[name]
@@ -363,8 +437,8 @@ def _quantity(
     detail: dict[str, Detail] = {
         "turning": "anticlockwise" if rises > 0 else "clockwise",
         "standard_deviation": mean.deviation,
-        "frames": frames,
-        "independent_frames": round(mean.independent, 1),
+        "frames": flow.frames,
+        "independent_frames": round(flow.independent, 1),
         "std_uncertainty_of_this_clip": this_clip,
     }
     if name in (UPPER, LOWER):

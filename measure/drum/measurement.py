@@ -22,12 +22,14 @@ from rigtwin.measure.drawing import with_record_plot
 from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed
 from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
 from rigtwin.measure.drum.evaluate import (
+    USUAL_SHARE,
     Observation,
     evaluate,
     evaluate_observation,
     evaluate_slope,
     must_be_positive,
     rising_side,
+    share_of,
 )
 from rigtwin.measure.drum.profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum.rim import Rim
@@ -37,6 +39,15 @@ from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.photo import PHOTOS, read_photo
 from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.scene.checks import camera_by_scene
+
+ONE_PICTURE = (
+    "a single picture shows one moment of the flow; film the drum for a mean over time, or state --averaged if the "
+    "picture is such a mean."
+)
+BEAD_NOT_KNOWN = (
+    f"the scatter from moment to moment is taken as that of beads of {USUAL_SHARE:.0%} of the drum's diameter; give "
+    "--bead-diameter."
+)
 
 
 def measure(
@@ -58,13 +69,13 @@ def measure(
         Video or photo of the end of the drum; or a table of its surface, at one time or over time, with the origin on
         the drum's axis, or of the surface's slope over time (`rigtwin.lab.tracked`).
     camera : Camera
-        Scale, roll, region, frame rate and other settings of the camera.
+        Scale, roll, region, frame rate and other settings of the camera; whether a picture is a mean over time.
     drum_diameter : float or None
         Inner diameter of the drum [m].
     speed : float, optional
         Angular speed of the drum [rad/s]; used for the Froude number and to recognise avalanches.
     bead_diameter : float, optional
-        Bead diameter [m].
+        Bead diameter [m]; sets how much the angle scatters from moment to moment.
     table : TableOptions, optional
         Columns of a table.
     out : Path
@@ -91,7 +102,7 @@ def measure(
     surface rises.
     """
     must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
-    share = bead_diameter / drum_diameter if bead_diameter and drum_diameter else None
+    share = share_of(bead_diameter, drum_diameter)
     if share is not None and share > 0.5:
         raise BadInput(
             "measure drum: the bead is larger than half of the drum; check --bead-diameter and --drum-diameter."
@@ -110,14 +121,14 @@ def measure(
                 f"{clip}: no round drum was found with a bed that differs in colour from what is above it; "
                 "give a picture of the drum's end with the whole rim in view."
             )
-        warnings.append("a single picture shows one moment of the flow; film the drum for a mean over time.")
     else:
         shown = at_its_pace(open_video(clip, camera), progress)
         warnings += shown.warnings
         rate, spoilt = shown.frame_rate, shown.spoilt
         bed = follow_bed(shown, camera, bead_share=share, progress=progress)
     scale, scale_from = _scale(bed, camera, drum_diameter)
-    seen = _observation(bed, scale or 1.0, bead_diameter)
+    seen = _observation(bed, scale or 1.0, share or share_of(bead_diameter, _diameter(bed, scale)), camera.averaged)
+    warnings += _of_one_picture(bed, seen)
     still = camera_by_scene(bed.poses) if bed.poses else ""
     if isinstance(still, str) and still:
         warnings.append(still)
@@ -187,14 +198,20 @@ def _measure_table(
     """Evaluate a table of the surface's slope over time, or of the surface."""
     slope = read_series(path, ["angle"], options, frame_rate=camera.frame_rate)
     if slope is not None:
-        evaluation = evaluate_slope(slope.series, speed)
+        share = share_of(bead_diameter, drum_diameter)
+        evaluation = evaluate_slope(slope.series, speed, bead_share=share, averaged=camera.averaged)
         understood = slope.understood
         profiles: tuple[Profile, ...] = ()
     else:
         read = read_profiles(path, options, scale=camera.given_scale, frame_rate=camera.frame_rate)
         understood, profiles = read.understood, read.profiles
         evaluation = evaluate(
-            profiles, read.times, drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter
+            profiles,
+            read.times,
+            drum_diameter=drum_diameter,
+            speed=speed,
+            bead_diameter=bead_diameter,
+            averaged=camera.averaged,
         )
     result = Measurement(
         rig="drum",
@@ -222,7 +239,19 @@ def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float
     return None, "not known"
 
 
-def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observation:
+def _diameter(bed: Bed, scale: float | None) -> float | None:
+    """[m], of the drum, None where the scale is not known."""
+    return None if scale is None else 2 * bed.rim.radius * scale
+
+
+def _of_one_picture(bed: Bed, seen: Observation) -> list[str]:
+    """Warnings that a photo is one moment of the flow, unless it is stated to be a mean."""
+    if bed.poses or seen.averaged:
+        return []
+    return [ONE_PICTURE] if seen.bead_share is not None else [ONE_PICTURE, BEAD_NOT_KNOWN]
+
+
+def _observation(bed: Bed, unit: float, bead_share: float | None, averaged: bool) -> Observation:
     outlines = credible(bed.outlines)
     hidden = hidden_columns(outlines)
     outlines = without_flights(outlines, bed.bead)
@@ -244,7 +273,8 @@ def _observation(bed: Bed, unit: float, bead_diameter: float | None) -> Observat
         math.degrees(bed.upright.sigma),
         bed.upright.source != NOT_SEEN,
         True,
-        bead_diameter or bed.bead * unit,
+        bead_share,
+        averaged,
     )
 
 

@@ -105,6 +105,29 @@ def test_the_lab_holds_what_the_file_says_in_si(folder):
     assert pendulum.wall is None
 
 
+DRUM = """
+[[experiments]]
+id = "drum-1"
+rig = "drum"
+particle = "D6"
+wall = "PMMA"
+drum_diameter = "140 mm"
+speed = "3 rpm"
+repetitions = ["p3.jpg"]
+camera = { circle = "320,240,200"%s }
+"""
+
+
+@pytest.mark.parametrize(
+    ("said", "averaged"), [("", False), (", averaged = true", True), (", averaged = false", False)]
+)
+def test_a_drum_may_be_stated_to_be_averaged(folder, said, averaged):
+    (folder / "lab.toml").write_text(LAB + DRUM % said, encoding="utf-8")
+    drum = read_lab(folder).experiments[-1]
+    assert drum.camera.averaged is averaged
+    assert drum.camera.stated == (("circle", "averaged") if averaged else ("circle",))
+
+
 def test_repetitions_are_files_beside_the_lab_file_and_a_pile_may_have_several_views(folder):
     drop, _, pile = read_lab(folder).experiments
     assert drop.repetitions == ((folder / "r01.mp4",), (folder / "r02.csv",))
@@ -198,6 +221,14 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ('"-1.5 deg"', "1.5", "experiment 1, camera.camera_roll", "camera_roll", "85.9 degrees"),
         ('"10,20,300,400"', '"10,20"', "experiment 1, camera.region", "region", "x,y,width,height"),
         ("100 mm:0,0,500,0", "100 mm", "experiment 2, camera.known_length", "known_length", "100mm:x1,y1,x2,y2"),
+        ('region = "10,20,300,400"', "averaged = true", "experiment 1, camera.averaged", "averaged", "used by a drop"),
+        (
+            'region = "10,20,300,400"',
+            'averaged = "no"',
+            "experiment 1, camera.averaged",
+            "averaged",
+            "neither true nor false",
+        ),
         ('"60 frames"', '"6 frames"', "experiment 1, camera.end", "end =", "not after start"),
         ('"12 frames"', '"-1 s"', "experiment 1, camera.start", "start =", "before the clip begins"),
         ('"11 GPa"', '"11 kg"', "materials.ash.youngs_modulus", "11 kg", "wrong unit for a pressure"),

@@ -16,7 +16,8 @@ import pytest
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
-from rigtwin.lab.records import Profile
+from rigtwin.lab.records import Profile, Series
+from rigtwin.lab.reference import hlosta2020
 from rigtwin.measure.drum import checks as drum_checks
 from rigtwin.measure.drum import evaluate as drum
 from rigtwin.measure.drum import measurement as drum_measurement
@@ -160,8 +161,59 @@ def test_neighbouring_frames_are_known_no_better_than_one_moment_of_the_flow(fra
     # moments of a flow that sways by two degrees over seconds: they agree, but carry no information on its mean
     seen = [profile(32 + 0.02 * k) for k in range(frames)]
     found = find(drum.evaluate(seen, np.arange(frames) / 240, drum_diameter=2 * RADIUS), drum.GRAPHICAL)
-    assert 1.8 < found.std_uncertainty < 2.4
+    assert 2.3 < found.std_uncertainty < 3.0  # 2.4 for beads of 4 % of the drum, known to some 20 %
     assert not found.doubtful
+
+
+def moments(count: int, *, bead: float = 0.006, speed: float | None = 0.6, apart: float = 1.5, **more: Any) -> Quantity:
+    """Angle of `count` moments `apart` [s] of a drum that turns by 0.14 of a turn between them."""
+    angles = 32 + np.random.default_rng(5).normal(size=count)
+    times = apart * np.arange(count)
+    found = drum.evaluate(
+        [profile(a) for a in angles], times, drum_diameter=2 * RADIUS, bead_diameter=bead, speed=speed, **more
+    )
+    return find(found, drum.GRAPHICAL, drum.MIDDLE)
+
+
+def test_one_moment_scatters_in_proportion_to_the_bead() -> None:
+    small, large = (moments(1, bead=bead).std_uncertainty for bead in (0.004, 0.012))
+    assert large == pytest.approx(3 * small)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_moments_that_are_parts_of_a_turn_apart_count_each(count: int) -> None:
+    one, more = moments(1), moments(count)
+    assert more.detail["independent_frames"] == count
+    # the usual scatter over the root of their number, lowered by an observed scatter of one degree
+    assert 1 / math.sqrt(count) < more.std_uncertainty < one.std_uncertainty / math.sqrt(count)
+
+
+def test_moments_count_once_where_the_drum_hardly_turns_or_its_speed_is_not_known() -> None:
+    one = moments(1).std_uncertainty
+    assert moments(5, apart=0.004).std_uncertainty > 0.9 * one
+    assert moments(5, speed=None).std_uncertainty == pytest.approx(one)
+
+
+def test_a_mean_over_time_has_no_scatter_of_one_moment() -> None:
+    assert "flow over time" in moments(1).budget
+    assert "flow over time" not in moments(1, averaged=True).budget
+    slope = Series(np.zeros(1), np.array([32.0]), "angle", "deg")
+    one, mean = (drum.evaluate_slope(slope, averaged=each).quantities[0] for each in (False, True))
+    assert one.std_uncertainty > 2
+    assert mean.std_uncertainty == 0
+
+
+def test_published_repetitions_scatter_as_single_moments_do() -> None:
+    """Standard deviations of repeated measurements by eye in a drum 140 mm wide (Hlosta et al. 2020, table 14)."""
+    rows = [row for row in hlosta2020.table(14) if row["rig"] == "drum_140mm_3rpm" and str(row["particle"])[0] == "D"]
+    ratios = [
+        float(row["aor_exp_std_deg"])
+        / drum.one_moment((drum.GRAPHICAL, drum.MIDDLE), hlosta2020.particle(str(row["particle"])).diameter / 0.14)
+        for row in rows
+    ]
+    assert len(ratios) == 5
+    # a standard deviation of five repetitions scatters by 35 %, the mean of the logarithms of five such by 16 %
+    assert abs(np.mean(np.log(ratios))) < 2 * 0.16
 
 
 def test_many_moments_of_the_flow_are_known_better_than_one() -> None:
@@ -348,7 +400,7 @@ def test_beads_in_flight_over_the_upper_end_do_not_count_as_its_surface() -> Non
         rim=Rim((0.0, 0.0), RADIUS_PX, 1.0, 0.5),
         upright=SimpleNamespace(sigma=0.0, source=""),
     )
-    seen = drum_measurement._observation(bed, RADIUS / RADIUS_PX, 0.006)
+    seen = drum_measurement._observation(bed, RADIUS / RADIUS_PX, 0.006 / (2 * RADIUS), averaged=False)
     found = drum.evaluate(seen.profiles, times, drum_diameter=2 * RADIUS)
     assert find(found, drum.UPPER).value == pytest.approx(28.0, abs=0.5)
     assert find(found, drum.GRAPHICAL, drum.WHOLE).value == pytest.approx(28.0, abs=0.2)
@@ -385,7 +437,7 @@ def test_a_slow_drum_is_found_in_a_film_whose_noise_hides_the_motion_of_single_p
     film(tmp_path / "drum.mp4", 30.0, noise=26.0, turn=0.02)
     angle = find(measured(tmp_path / "drum.mp4"), drum.GRAPHICAL, drum.MIDDLE)
     assert angle.interval95[0] < 30.0 < angle.interval95[1]
-    assert angle.std_uncertainty < 2.5
+    assert angle.std_uncertainty < 3.0
 
 
 def test_a_surface_that_runs_out_of_the_picture_is_doubtful(tmp_path: Path) -> None:
@@ -455,6 +507,23 @@ def test_a_single_picture_is_measured_with_a_warning_that_it_is_one_moment(tmp_p
     assert any("single picture" in warning for warning in found.warnings)
     assert any("scale" in warning for warning in found.warnings)
     assert found.profiles == ()
+
+
+def test_a_picture_that_is_stated_to_be_a_mean_has_no_part_for_its_moment(tmp_path: Path) -> None:
+    drum_beside_a_plate(tmp_path / "drum.png")
+    one, mean = (
+        drum_measurement.measure(
+            tmp_path / "drum.png", Camera(circle=(400.0, 120.0, 80.0), averaged=each), drum_diameter=0.15
+        )
+        for each in (False, True)
+    )
+    for seen, averaged in zip(one.quantities, mean.quantities, strict=True):
+        assert averaged.value == seen.value
+        assert {part: seen.budget[part] for part in averaged.budget} == averaged.budget
+        assert set(seen.budget) - set(averaged.budget) == {"flow over time"}
+    assert any("bead" in warning and "4%" in warning for warning in one.warnings)
+    assert not any("single picture" in warning or "4%" in warning for warning in mean.warnings)
+    assert mean.camera["stated"] == ["circle", "averaged"]
 
 
 def drum_beside_a_plate(path: Path) -> None:
