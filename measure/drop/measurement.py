@@ -40,6 +40,7 @@ from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.sound import has_sound, is_sound
 from rigtwin.measure.media.video import open_video
+from rigtwin.measure.refusal import shows_refusals
 
 RATE_UNJUDGED = (
     "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
@@ -132,7 +133,15 @@ def measure(
     if is_sound(clip):
         return measure_sound(clip, out=out)
     try:
-        film = _measure_film(clip, camera, drag, bead_diameter, bead_density, out, progress)
+        film = _measure_film(
+            clip,
+            camera,
+            drag=drag,
+            bead_diameter=bead_diameter,
+            bead_density=bead_density,
+            out=out,
+            progress=progress,
+        )
     except NothingToMeasure as nothing:
         if not has_sound(clip):
             raise
@@ -140,14 +149,17 @@ def measure(
             heard = measure_sound(clip, out=out)
         except RigtwinError:
             raise nothing from None
-        unseen = f"the film could not be measured, so the sound alone was: {nothing}"
-        return replace(heard, warnings=(unseen, *heard.warnings))
+        unseen = f"the film could not be measured, so the sound alone was: {nothing.message}"
+        files = heard.files if nothing.picture is None else {**heard.files, "seen": nothing.picture}
+        return replace(heard, warnings=(unseen, *heard.warnings), files=files)
     return with_sound(film) if sound else film
 
 
+@shows_refusals
 def _measure_film(
     clip: Path,
     camera: Camera,
+    *,
     drag: AirDrag,
     bead_diameter: float | None,
     bead_density: float | None,

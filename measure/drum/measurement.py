@@ -36,9 +36,11 @@ from rigtwin.measure.geometry.camera_roll import NOT_SEEN, nothing_level
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.photo import PHOTOS, read_photo
 from rigtwin.measure.media.video import Video, open_video
+from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 
 
+@shows_refusals
 def measure(
     clip: Path,
     camera: Camera,

@@ -40,12 +40,14 @@ from rigtwin.measure.pendulum.observe import (
 )
 from rigtwin.measure.pendulum.swing_fit import SwingFit, onset
 from rigtwin.measure.pendulum.swing_model import turning_points
+from rigtwin.measure.refusal import shows_refusals
 
 UNCONFIRMED = (
     "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check."
 )
 
 
+@shows_refusals
 def measure(
     clip: Path,
     camera: Camera,

@@ -17,6 +17,7 @@ from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.media.compression import compression_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import open_video
+from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
 from rigtwin.measure.tilt.film_checks import portrait_check, shape_check, view_checks
@@ -32,6 +33,7 @@ from rigtwin.measure.tilt.onset import (
 OVER_COMPRESSED = 0.006  # [bits/pixel], below which the codec drops low-contrast motion in a film with little motion
 
 
+@shows_refusals
 def measure(
     clip: Path,
     camera: Camera,
