@@ -308,13 +308,16 @@ def _within(value: int, option: Any) -> bool:
 
 def _in_own_words(call: Callable[[], Any]) -> Any:
     """Call; a refusal names the keyword argument where the command line names the option."""
-    from rigtwin.lab.errors import RigtwinError
+    from rigtwin.lab.errors import BadInput, RigtwinError
 
     try:
         return call()
     except RigtwinError as error:
-        words = re.sub(r"--([a-z][a-z-]*)", lambda option: option[1].replace("-", "_"), str(error))
-        raise type(error)(words) from error
+        given = error.message if isinstance(error, BadInput) else str(error)
+        said = type(error)(re.sub(r"--([a-z][a-z-]*)", lambda option: option[1].replace("-", "_"), given))
+        if isinstance(error, BadInput) and isinstance(said, BadInput):
+            said.seen, said.picture = error.seen, error.picture
+        raise said from error
 
 
 def _unknown(what: str, name: object, known: Sequence[str]) -> Exception:

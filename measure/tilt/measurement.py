@@ -10,6 +10,7 @@ import numpy as np
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import Seen, seeing
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Measurement, doubted
 from rigtwin.lab.records import Series, Track
@@ -22,7 +23,7 @@ from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
 from rigtwin.measure.tilt.film_checks import portrait_check, shape_check, view_checks
 from rigtwin.measure.tilt.measure_table import measure_table
-from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, by_the_run, gauge_of, record, watch
+from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, body_seen, by_the_run, gauge_of, record, watch
 from rigtwin.measure.tilt.onset import (
     Onset,
     Run,
@@ -108,7 +109,8 @@ def measure(
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         return plate, track, way, *onset_of(way, str(clip))
 
-    plate, track, way, run, onset = read(film, gauge)
+    with seeing(Seen(frame=video.first, marks=body_seen(film))):
+        plate, track, way, run, onset = read(film, gauge)
     by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
     if np.any(film.missing != by_turn_alone.missing):
         plate, track, way, run, onset = read(film, gauge)
