@@ -23,6 +23,7 @@ from rigtwin.measure.tilt.onset import (
     Way,
     find_onset,
     find_run,
+    least_run,
 )
 
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
@@ -166,14 +167,14 @@ def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
         first, last = (math.degrees(angle) for angle in (way.angle[0], way.angle[-1]))
         share = float(np.ptp(way.down)) / least_run(way)
         stays = (
-            f"{whose}: in {len(way.time)} frames from {way.time[0]:.3f} to {way.time[-1]:.3f} s, while the plate turns from "
-            f"{first:.1f} to {last:.1f} degrees, no run of the body down the plate was found (it moves along it by "
-            f"{share:.2f} times the least way of a run)"
+            f"{whose}: in {len(way.time)} frames from {way.time[0]:.3f} to {way.time[-1]:.3f} s, while the plate turns "
+            f"from {first:.1f} to {last:.1f} degrees, no run of the body down the plate was found (it moves along it "
+            f"by {share:.2f} times the least way of a run)"
         )
         if abs(last - first) < math.degrees(LEAST_TURN):
             raise NothingToMeasure(
-                f"{stays}; if another object was followed, state the body with --bead-at frame:x,y, or give a sharp clip "
-                "of the whole tilt."
+                f"{stays}; if another object was followed, state the body with --bead-at frame:x,y, or give a sharp "
+                "clip of the whole tilt."
             )
         advice = "film on until it has run down the plate" if last > first else "check whether the clip plays backwards"
         raise NothingToMeasure(f"{stays}; {advice}, or state the body with --bead-at frame:x,y.")
@@ -185,8 +186,8 @@ def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
         end = way.time[run.end]
         raise NothingToMeasure(
             f"{whose}: no onset could be fitted to the body's {run.start} positions before it moves down the plate at "
-            f"{way.time[run.start]:.3f} s and its {run.end - run.start} positions until {end:.3f} s; let the clip begin at "
-            "least 0.2 s before and end after the run."
+            f"{way.time[run.start]:.3f} s and its {run.end - run.start} positions until {end:.3f} s; let the clip "
+            "begin at least 0.2 s before and end after the run."
         )
     return run, onset
 

@@ -118,10 +118,10 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
         )
     if arm is None or not arm.edges:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}no straight edge that turns by {math.degrees(LEAST_TURN):.1f} degrees "
-            f"or more was found in {len(samples)} pictures from frame {video.first} to {video.last}; film the plate from "
-            "the side with a still camera, from before the tilt to after the run, or state its surface with --plate "
-            "x1,y1,x2,y2.",
+            f"{video.path}: {_poorly_lit(samples)}no straight edge that turns by {math.degrees(LEAST_TURN):.1f} "
+            f"degrees or more was found in {len(samples)} pictures from frame {video.first} to {video.last}; film the "
+            "plate from the side with a still camera, from before the tilt to after the run, or state its surface with "
+            "--plate x1,y1,x2,y2.",
             Seen(frame=video.first),
         )
     lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
@@ -139,9 +139,9 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
         )
     if body is None:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}{_turns(arm)}, but nothing was found on its upper side that leaves its "
-            f"place for good between two of {len(samples)} pictures; film on until the body has slid or rolled down, "
-            "with good contrast, or state where the body rests with --bead-at frame:x,y.",
+            f"{video.path}: {_poorly_lit(samples)}{_turns(arm)}, but nothing was found on its upper side that leaves "
+            f"its place for good between two of {len(samples)} pictures; film on until the body has slid or rolled "
+            "down, with good contrast, or state where the body rests with --bead-at frame:x,y.",
             _arm_seen(arm, video.first),
         )
     if isinstance(body, Arrival):

@@ -764,7 +764,7 @@ def test_a_picture_without_a_heap_gives_no_angle(kind: str, light: str, tmp_path
     path = tmp_path / "photo.png"
     picture = without_heap(kind)
     cv2.imwrite(str(path), as_seen(picture, light) if light else picture)
-    with pytest.raises(NothingToMeasure, match=r"photo\.png: no heap of beads") as caught:
+    with pytest.raises(NothingToMeasure, match=r"photo\.png: no heap was found: neither a round base") as caught:
         measure([path], Camera(), base_diameter=0.09, bead_diameter=0.006, out=tmp_path / "out")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
@@ -818,7 +818,8 @@ def test_a_strip_of_noise_is_searched_at_a_size_that_does_not_take_minutes(tmp_p
     sizes: list[tuple[int, ...]] = []
     monkeypatch.setattr(surface, "find_beads", lambda grey, radii: sizes.append(grey.shape))
     noise = np.random.default_rng(5).integers(0, 255, (9000, 500, 3), dtype=np.uint8)
-    assert surface.find_heap(noise) is None
+    with pytest.raises(NothingToMeasure, match="neither a round base nor touching circles"):
+        surface.find_heap(noise)
     assert sizes[0][0] <= surface.TALLEST * surface.COARSE
 
 
