@@ -76,6 +76,7 @@ def measure(
     from tempfile import TemporaryDirectory
 
     from rigtwin.commands import measure as commands
+    from rigtwin.lab.errors import BadInput
     from rigtwin.lab.progress import silent
 
     if rig not in get_args(MeasuredRig):
@@ -85,8 +86,6 @@ def measure(
     positional = next(iter(inspect.signature(command).parameters))
     many = positional == "photos"
     if not paths or (len(paths) > 1 and not many):
-        from rigtwin.lab.errors import BadInput
-
         raise BadInput(
             f"measure {rig}: {len(paths)} media are given; give {'at least one photo' if many else 'one clip'}."
         )
@@ -95,7 +94,11 @@ def measure(
         kept: Measurement = _run(work, out=Path(out), progress=progress or silent)
         return kept
     with TemporaryDirectory(prefix="rigtwin-") as folder:
-        measurement: Measurement = _run(work, out=Path(folder), progress=progress or silent)
+        try:
+            measurement: Measurement = _run(work, out=Path(folder), progress=progress or silent)
+        except BadInput as refused:
+            refused.picture = None  # it goes with the folder
+            raise
     return measurement.without_files()
 
 
@@ -309,13 +312,16 @@ def _within(value: int, option: Any) -> bool:
 
 def _in_own_words(call: Callable[[], Any]) -> Any:
     """Call; a refusal names the keyword argument where the command line names the option."""
-    from rigtwin.lab.errors import RigtwinError
+    from rigtwin.lab.errors import BadInput, RigtwinError
 
     try:
         return call()
     except RigtwinError as error:
-        words = re.sub(r"--([a-z][a-z-]*)", lambda option: option[1].replace("-", "_"), str(error))
-        raise type(error)(words) from error
+        given = error.message if isinstance(error, BadInput) else str(error)
+        said = type(error)(re.sub(r"--([a-z][a-z-]*)", lambda option: option[1].replace("-", "_"), given))
+        if isinstance(error, BadInput) and isinstance(said, BadInput):
+            said.seen, said.picture = error.seen, error.picture
+        raise said from error
 
 
 def _unknown(what: str, name: object, known: Sequence[str]) -> Exception:

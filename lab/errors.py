@@ -14,6 +14,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place in a picture: one point, a circle around it, or a line through several points."""
+
+    label: str
+    points: Sequence[tuple[float, float]]  # [px]
+    radius: float = 0.0  # [px], of a circle around a single point; 0 for none
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What was found in a film or photo in which nothing could be measured, to be drawn for the user."""
+
+    medium: Path | None = None  # the photo, of several
+    frame: int | None = None  # of a film; None: one in its middle
+    marks: tuple[Mark, ...] = ()
+
 
 class RigtwinError(Exception):
     """Base of every error rigtwin raises on purpose; the message is one clear sentence."""
@@ -38,6 +61,18 @@ class BadInput(RigtwinError):
 
     exit_code = 2
 
+    def __init__(self, message: str = "", seen: Seen | None = None) -> None:
+        """`seen` is what a picture of the refusal should show (`rigtwin.measure.refusal`)."""
+        super().__init__(message)
+        self.message = message
+        self.seen = seen
+        self.picture: Path | None = None  # written, and named at the end of the text
+
+    def __str__(self) -> str:
+        if self.picture is None:
+            return self.message
+        return f"{self.message.rstrip('.')}; {self.picture} shows what was seen."
+
 
 class BadQuantity(BadInput):
     """A text that should be a quantity with a unit is not one, or has the wrong dimension."""
@@ -53,3 +88,17 @@ class UnreadableMedia(BadInput):
 
 class NothingToMeasure(BadInput):
     """Readable media in which the thing to be measured was not found."""
+
+
+@contextmanager
+def seeing(seen: Seen) -> Iterator[None]:
+    """Add what was seen to a refusal from within that carries nothing of it.
+
+    >>> with seeing(Seen(frame=3)):  # doctest: +SKIP
+    ...     evaluate(track)
+    """
+    try:
+        yield
+    except NothingToMeasure as error:
+        error.seen = error.seen or seen
+        raise

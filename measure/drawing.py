@@ -217,6 +217,15 @@ def draw_caption(
         draw_text(picture, row, (0.6 * letter, first + step * number), colour, size=letter)
 
 
+def with_strip_below(picture: Image, lines: Sequence[str]) -> Image:
+    """The picture with a dark strip below it that holds the lines of text, wrapped to its width."""
+    letter = round(_letter(picture))
+    rows = [row for line in lines for row in _broken(line, letter, picture.shape[1] - letter)]
+    strip = np.zeros((round(1.8 * letter * (len(rows) + 0.4)), *picture.shape[1:]), dtype=np.uint8)
+    draw_caption(strip, rows, size=letter)
+    return np.concatenate([picture, strip])
+
+
 def _letter(picture: Image) -> float:
     """Height of a capital letter [px] that is legible on a picture of this size."""
     return max(9.0, float(min(picture.shape[:2])) / 45)

@@ -778,7 +778,10 @@ def test_a_twin_of_a_million_seconds_is_refused_at_once(rig, capfd):
     ("arguments", "words"),
     [
         ("tilt --variant slide --speed 0.003deg/s", ["frames at 240 Hz", "tilt it faster", "a frame rate of at most"]),
-        ("tilt --variant slide --duration 1s", ["the body stays where it is", "try a longer duration"]),
+        (
+            "tilt --variant slide --duration 1s",
+            ["no run of the body down the plate was found", "try a longer duration"],
+        ),
         ("packing --count 1", ["a count of 1 makes no bed", "one layer on the floor"]),
         ("hopper --outlet 30mm --count 1", ["a count of 1 is too small for a flow"]),
         ("hopper --outlet 30mm --count 60 --duration 0.05s", ["the flow continues; give a longer duration"]),

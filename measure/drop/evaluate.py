@@ -29,6 +29,8 @@ HEIGHTS_REST_ON = ("first_fall", "lost_frames", "gravity", "flight_residuals", "
 
 GAIN = "a restitution above 1 is not possible: the track is wrong there"
 
+FEWEST = 12  # positions of a track; bounces are fitted to more
+
 CLOCK = 0.01  # standard uncertainty of the time of a frame over the frame interval: clock, begin of the exposure
 
 ONE_VIEW = "seen from one side: motion along the line of sight is not measured"
@@ -150,7 +152,7 @@ def bounces_of(
     Raises `NothingToMeasure` if there is no bounce.
     """
     record = heights_of(track, filmed=filmed)
-    if fitted is None and len(record.time) > 12:
+    if fitted is None and len(record.time) > FEWEST:
         fitted = fit(record, drag)
     if fitted is None:
         raise NothingToMeasure(f"{name}: {_why_no_bounce(record)}")
@@ -171,18 +173,35 @@ def fit(record: Heights, drag: AirDrag) -> Bounces | None:
 
 
 def _why_no_bounce(record: Heights) -> str:
-    if len(record.time) < 8 or np.ptp(record.height) <= 12 * third_difference_noise(record):
-        return "the particle hardly moves; give a clip in which it falls and bounces."
-    top, low = int(np.argmax(record.height)), int(np.argmin(record.height))
-    if len(find_contacts(record)) == 0:
+    count = len(record.time)
+    stated = ", or state the bead with --bead-at frame:x,y" if record.across is not None else ""
+    if count <= FEWEST:
         return (
-            f"the particle moves (highest at {record.time[top]:.3f} s, lowest at {record.time[low]:.3f} s) but no "
-            "rebound follows before the record ends; film longer, until it has bounced at least once, or move --end."
+            f"the bead has {count} positions, more than {FEWEST} are needed; give a record in which it falls and "
+            f"bounces{stated}."
         )
+    span = f"from {record.time[0]:.3f} to {record.time[-1]:.3f} s"
+    rises, noise = float(np.ptp(record.height)), third_difference_noise(record)
+    if rises <= 12 * noise:
+        return (
+            f"what was followed {span} moves up and down by {rises / max(noise, 1e-12):.1f} times the noise of its "
+            f"position, more than 12 are needed; give a record in which the bead falls and bounces{stated}."
+        )
+    top, low = int(np.argmax(record.height)), int(np.argmin(record.height))
+    contacts = record.time[find_contacts(record)]
+    if len(contacts) == 0:
+        return (
+            f"what was followed {span} is highest at {record.time[top]:.3f} s and lowest at {record.time[low]:.3f} s, "
+            "and no turn from falling to rising was found in its track; record it until it has bounced at least once, "
+            f"move --end{stated}."
+        )
+    steps = np.diff(record.time)
+    lost = round(float(np.sum(steps / np.median(steps) - 1)))
+    turns = ", ".join(f"{time:.3f}" for time in contacts[:4]) + (" ..." if len(contacts) > 4 else "")
     return (
-        f"the particle turns round at {record.time[low]:.3f} s, but what comes before and after is no free flight of "
-        "at least five frames; if this is a drop, film at a higher frame rate, or move --start and --end to the fall "
-        "and the bounces."
+        f"the track {span} turns from falling to rising at {turns} s, but no two flights of at least five positions "
+        f"each, with a bounce between them, could be fitted to its {count} positions ({lost} frames between them "
+        f"show none); move --start and --end to the fall and the bounces{stated}."
     )
 
 

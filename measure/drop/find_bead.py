@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.camera import Camera, Seed
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Track
 from rigtwin.measure.drop.bounce_fit import Bounces
@@ -32,6 +32,7 @@ from rigtwin.measure.tracking.search_by_look import paths_by_look, picture_at, p
 WHOLE = 0.9  # minimum share of the frames from the first to the last sighting in which the bead is seen
 NOISIER = 2.0  # factor on the least noise of all paths up to which the number of bounces decides
 FEWEST_SEEN = 8  # a track must have more points
+MOST_MARKED = 8  # paths drawn into the picture of a refusal
 AS_WELL, AS_BRIGHT = 1.3, 0.7  # limits for an unoccluded bead: largest misfit, smallest contrast, over the median
 
 STREAK_OFF = (
@@ -66,17 +67,8 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         ranked = likely = [_path_stated(video, moves, camera, camera.bead_at, size, progress)]
     else:
         ranked, likely = _likely(moves.paths, size)
-    if not likely and camera.region is not None:
-        region = ",".join(f"{side:g}" for side in camera.region)
-        raise NothingToMeasure(
-            f"{video.path}: nothing falls inside --region {region} (frames {video.first} to {video.last}); "
-            "move it to where the bead falls, or leave it out."
-        )
     if not likely:
-        raise NothingToMeasure(
-            f"{video.path}: nothing falls in this clip (frames {video.first} to {video.last}); film the bead with a "
-            "still camera, or narrow the search with --region, --start and --end."
-        )
+        raise _no_path(video, camera, moves.paths)
     tried: list[_Tried] = []
     for path in likely:
         tried.append(_tried(_in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)))
@@ -95,11 +87,39 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
         return replace(found, seen=better, pixels=_pixel_track(better))
     if len(found.pixels.time) <= FEWEST_SEEN:
+        path = found.seen.path
         raise NothingToMeasure(
-            f"{video.path}: something moves, but no bead could be located in it; use a larger or better lit picture "
-            "of the bead, or narrow the search with --region."
+            f"{video.path}: what moves in {len(path.frames)} frames from {path.frames[0]} to {path.frames[-1]} fits "
+            f"the picture of a round bead in {len(found.pixels.time)} of them, more than {FEWEST_SEEN} are needed; "
+            "film the bead larger or with more light, or state it with --bead-at frame:x,y.",
+            Seen(frame=path.frames[len(path.frames) // 2], marks=marks_of([path])),
         )
     return found
+
+
+def _no_path(video: Video, camera: Camera, paths: Sequence[SpotPath]) -> NothingToMeasure:
+    """The refusal of a clip in which no moving object has a path like that of a bouncing bead."""
+    within, advice = "", "film the bead with a still camera, state it with --bead-at frame:x,y, or narrow the search"
+    if camera.region is not None:
+        region = ",".join(f"{side:g}" for side in camera.region)
+        within, advice = f" inside --region {region}", "move the region to where the bead falls, or leave it out"
+    frames = f"frames {video.first} to {video.last}"
+    found = (
+        f"none of the {len(paths)} moving objects that were followed{within} ({frames}) goes up or down smoothly for "
+        "8 frames or more, by more than 1.5 times its width"
+        if paths
+        else f"nothing was found to move{within} ({frames})"
+    )
+    more = "" if camera.region is not None else " with --region, --start and --end"
+    return NothingToMeasure(f"{video.path}: {found}; {advice}{more}.", Seen(marks=marks_of(paths)))
+
+
+def marks_of(paths: Sequence[SpotPath]) -> tuple[Mark, ...]:
+    """The longest paths as lines in the picture, with the frames that they last."""
+    longest = sorted(paths, key=lambda path: -len(path.frames))[:MOST_MARKED]
+    return tuple(
+        Mark(f"{path.frames[0]}-{path.frames[-1]}", [(spot.x, spot.y) for spot in path.spots]) for path in longest
+    )
 
 
 @dataclass(frozen=True)
@@ -149,12 +169,16 @@ def _path_stated(
     where = f"--bead-at {seed.frame}:{seed.at[0]:g},{seed.at[1]:g}"
     if not video.first <= seed.frame <= video.last:
         raise NothingToMeasure(
-            f"{video.path}: {where} is outside the frames that are measured, {video.first} to {video.last}."
+            f"{video.path}: {where} is outside the frames that are measured, {video.first} to {video.last}; state the "
+            "bead in one of these, or change --start and --end."
         )
     radius = size if size is not None else _radius_at(moves.paths, seed)
     if radius is None:
+        there = sum(seed.frame in path.frames for path in moves.paths)
         raise NothingToMeasure(
-            f"{video.path}: nothing that moves is seen at {where}; state its centre in a frame in which it flies."
+            f"{video.path}: {where} lies on none of the {there} objects that were found to move in this frame; state "
+            "the bead's centre in a frame in which it flies.",
+            Seen(frame=seed.frame, marks=marks_of(moves.paths)),
         )
     bead = picture_at(video, seed.frame, seed.at, radius, moves)
     paths = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
@@ -166,8 +190,10 @@ def _path_stated(
     nearest = min(away, key=lambda k: away[k], default=None)
     if nearest is None or away[nearest] > 2 * radius:
         raise NothingToMeasure(
-            f"{video.path}: what is seen at {where} is not found again in the frames before and after it; state the "
-            "bead's centre in a frame that shows it clearly."
+            f"{video.path}: {len(paths)} paths of places that look like {where} were found, but none of them passes "
+            f"within {2 * radius:.0f} px of it in frame {seed.frame}; state the bead's centre in a frame that shows it "
+            "clearly and alone.",
+            Seen(frame=seed.frame, marks=marks_of(paths)),
         )
     return paths[nearest]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
-from rigtwin.lab.errors import NothingToMeasure, RigtwinError
+from rigtwin.lab.errors import Mark, NothingToMeasure, RigtwinError, Seen, seeing
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed
 from rigtwin.lab.records import Track
@@ -40,6 +40,8 @@ from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.sound import has_sound, is_sound
 from rigtwin.measure.media.video import open_video
+from rigtwin.measure.refusal import shows_refusals
+from rigtwin.measure.tracking.follow import Chase
 
 RATE_UNJUDGED = (
     "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
@@ -132,7 +134,15 @@ def measure(
     if is_sound(clip):
         return measure_sound(clip, out=out)
     try:
-        film = _measure_film(clip, camera, drag, bead_diameter, bead_density, out, progress)
+        film = _measure_film(
+            clip,
+            camera,
+            drag=drag,
+            bead_diameter=bead_diameter,
+            bead_density=bead_density,
+            out=out,
+            progress=progress,
+        )
     except NothingToMeasure as nothing:
         if not has_sound(clip):
             raise
@@ -140,14 +150,17 @@ def measure(
             heard = measure_sound(clip, out=out)
         except RigtwinError:
             raise nothing from None
-        unseen = f"the film could not be measured, so the sound alone was: {nothing}"
-        return replace(heard, warnings=(unseen, *heard.warnings))
+        unseen = f"the film could not be measured, so the sound alone was: {nothing.message}"
+        files = heard.files if nothing.picture is None else {**heard.files, "seen": nothing.picture}
+        return replace(heard, warnings=(unseen, *heard.warnings), files=files)
     return with_sound(film) if sound else film
 
 
+@shows_refusals
 def _measure_film(
     clip: Path,
     camera: Camera,
+    *,
     drag: AirDrag,
     bead_diameter: float | None,
     bead_density: float | None,
@@ -157,7 +170,8 @@ def _measure_film(
     video = at_its_pace(open_video(clip, camera), progress)
     found = find_bead(video, camera, drag, bead_diameter, progress)
     video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
-    in_picture = bounces_of(pixels, drag, str(clip), filmed=True)
+    with seeing(_track_seen(found.seen)):
+        in_picture = bounces_of(pixels, drag, str(clip), filmed=True)
     depth = find_depth(seen, pixels, in_picture)
     if depth is not None:
         first = float(np.interp(in_picture.contact_times[0], video.times, np.arange(len(video.times))))
@@ -227,6 +241,14 @@ def _measure_film(
 
     files = write_pictures(out, measurement, bounces, in_picture, video, seen, progress)
     return replace(measurement, files=files)
+
+
+def _track_seen(chase: Chase) -> Seen:
+    """The track that was followed, for the picture of a refusal."""
+    points = [(sighting.image.x, sighting.image.y) for sighting in chase.sightings]
+    frames = [sighting.frame for sighting in chase.sightings]
+    ends = [Mark(f"frame {frames[k]}", [points[k]], chase.radius) for k in (0, -1)]
+    return Seen(frame=frames[len(frames) // 2], marks=(Mark("", points), *ends))
 
 
 def _measure_table(

@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,11 +19,11 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, Image
 from rigtwin.lab.camera import STATED_SIGMA, Camera
-from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bulk.beads import colour_cells, rare, shares
 from rigtwin.measure.drum.glare import brightened_share
-from rigtwin.measure.drum.rim import Rim, find_rim, rim_of_bed, stated_rim
+from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of
 from rigtwin.measure.geometry.camera_roll import Upright, upright
 from rigtwin.measure.media.video import Video
@@ -136,16 +137,20 @@ def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progre
             motion, noise, rim, rim_seen = _drum_in(samples, scene.picture, stated)
     if rim is None:
         raise NothingToMeasure(
-            f"{video.path}: no round drum with a moving bed was found; film the drum's end, the whole rim in view, "
-            "with the camera at rest, or give its place with --region x,y,width,height."
+            f"{video.path}: no round rim was found around what moves between {len(samples)} frames from {video.first} "
+            f"to {video.last}, and its lower border is no arc of a circle within {100 * MISFIT:.0f} % of the radius; "
+            "film the drum's end, the whole rim in view, with the camera at rest, or state the inner rim with --circle "
+            "cx,cy,r."
         )
     turned = _upright(scene.picture, rim, camera.roll)
     bead = (bead_share or BEAD_SHARE) * 2 * rim.radius
     looks = _learn(samples, motion, rim, bead)
     if looks is None:
         raise NothingToMeasure(
-            f"{video.path}: no motion was found in the drum of radius {rim.radius / lens.zoom:.0f} px; "
-            "give a clip in which it turns."
+            f"{video.path}: what changes between the frames inside {_circle_of(rim, lens)} does not divide into a "
+            "moving bed and a part that stays as it is; give a clip in which the drum turns, or state its inner rim "
+            "with --circle cx,cy,r.",
+            Seen(marks=rim_seen_at(rim, lens)),
         )
     outlines = []
     sector = sector_of(looks.before, rim)
@@ -180,25 +185,48 @@ def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progre
     )
 
 
-def bed_in_photo(photo: Image, camera: Camera, *, bead_share: float | None) -> Bed | None:
-    """Find the surface of the bed in a single picture; None if it shows no drum with a bed."""
+def bed_in_photo(path: Path, photo: Image, camera: Camera, *, bead_share: float | None) -> Bed:
+    """Find the surface of the bed in a single picture.
+
+    Raises `NothingToMeasure` if it shows no drum with a bed.
+    """
     lens = cut_for(photo.shape[1], photo.shape[0], camera.region)
     image = lens.seen(photo)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
     rim = _stated_rim(np.asarray(grey), camera, lens) or find_rim(np.asarray(grey, dtype=np.float32))
     if rim is None:
-        return None
+        raise NothingToMeasure(
+            f"{path}: no circle was found with an edge along {100 * LEAST_SUPPORT:.0f} % of it or more; give a picture "
+            "of the drum's end with the whole rim in view, or state the inner rim with --circle cx,cy,r."
+        )
     turned = _upright(np.asarray(grey, dtype=np.float32), rim, camera.roll)
     bead = (bead_share or GRAIN_SHARE) * 2 * rim.radius
     still = Still(0, 0.0, image, np.zeros(grey.shape, dtype=np.float32), Pose())
     bed, empty, clearness = _two_colours(image, rim, bead)
     if bed is None or empty is None:
-        return None
+        raise NothingToMeasure(
+            f"{path}: the colours inside {_circle_of(rim, lens)} do not divide into a bed and an empty part; light the "
+            "drum so that they differ, give a film, or state the inner rim with --circle cx,cy,r.",
+            Seen(marks=rim_seen_at(rim, lens)),
+        )
     looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
     outline = _outline(still, looks, rim, turned.roll)
     direction = _bed_direction(bed, rim, turned.roll)
     return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, grey.shape, direction)
+
+
+def rim_seen_at(rim: Rim, lens: Cut) -> tuple[Mark, ...]:
+    """The circle of a drum in pixels of the clip, for the picture of a refusal."""
+    ((x, y),) = lens.in_clip(np.array([rim.centre])).tolist()
+    return (Mark("stated rim" if rim.stated else "rim found", [(x, y)], rim.radius / lens.zoom),)
+
+
+def _circle_of(rim: Rim, lens: Cut) -> str:
+    (mark,) = rim_seen_at(rim, lens)
+    ((x, y),) = mark.points
+    found = "stated" if rim.stated else "found"
+    return f"the {found} circle of radius {mark.radius:.0f} px around {x:.0f},{y:.0f}"
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
@@ -240,7 +268,12 @@ def _stated_rim(picture: FloatImage, camera: Camera, lens: Cut) -> Rim | None:
     ((x, y),) = lens.of_clip(np.array([[x, y]]))
     rim = stated_rim(picture, (float(x), float(y), radius * lens.zoom), STATED_SIGMA * lens.zoom)
     if not rim.inside(picture.shape).any():
-        raise BadInput("measure drum: no part of --circle lies inside --region; correct one of them.")
+        x, y, radius = camera.circle
+        raise BadInput(
+            f"measure drum: no part of --circle {x:g},{y:g},{radius:g} lies inside the picture or --region; correct "
+            "one of them.",
+            Seen(),
+        )
     return rim
 
 

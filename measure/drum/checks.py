@@ -90,9 +90,9 @@ def must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
     wrong = {each.check: each for each in checks if each.passed is False}
     if {"rim_found", "surface_shape"} <= set(wrong):
         raise NothingToMeasure(
-            f"{clip}: no turning drum was found: what moves has no round rim around it, and its upper border bows by "
-            f"{wrong['surface_shape'].value:.2f} of its length, more than a flowing bed does; film the end of the drum "
-            "with the whole rim in view."
+            f"{clip}: no edge of a round rim was found around what moves, and its upper border bows by "
+            f"{wrong['surface_shape'].value:.2f} of its length, {MOST_BOW} at most is that of a flowing bed; film the "
+            "end of the drum with the whole rim in view, or state its inner rim with --circle cx,cy,r."
         )
 
 

@@ -12,14 +12,14 @@ import numpy as np
 from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
-from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen, seeing
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, doubted, failed
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, read_series
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.drawing import with_record_plot
-from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed
+from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed, rim_seen_at
 from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
 from rigtwin.measure.drum.evaluate import (
     USUAL_SHARE,
@@ -38,6 +38,7 @@ from rigtwin.measure.geometry.camera_roll import NOT_SEEN, nothing_level
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.photo import PHOTOS, read_photo
 from rigtwin.measure.media.video import Video, open_video
+from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 
 ONE_PICTURE = (
@@ -50,6 +51,7 @@ BEAD_NOT_KNOWN = (
 )
 
 
+@shows_refusals
 def measure(
     clip: Path,
     camera: Camera,
@@ -115,12 +117,7 @@ def measure(
     if clip.suffix.lower() in PHOTOS:
         shown, odd = read_photo(clip, camera)
         warnings += odd
-        bed = bed_in_photo(shown, camera, bead_share=share)
-        if bed is None:
-            raise NothingToMeasure(
-                f"{clip}: no round drum was found with a bed that differs in colour from what is above it; "
-                "give a picture of the drum's end with the whole rim in view."
-            )
+        bed = bed_in_photo(clip, shown, camera, bead_share=share)
     else:
         shown = at_its_pace(open_video(clip, camera), progress)
         warnings += shown.warnings
@@ -136,15 +133,17 @@ def measure(
         *checks_of_picture(bed, still),
         *stance_checks(bed.bed_direction, bed.turning, rising_side(seen.profiles)),
     ]
-    must_be_a_drum(clip, of_picture)
+    with seeing(Seen(marks=rim_seen_at(bed.rim, bed.lens))):
+        must_be_a_drum(clip, of_picture)
     try:
         evaluation = evaluate_observation(seen, speed, None if scale is None else seen.radius)
     except NothingToMeasure as nothing:
-        where = f"in every one of {len(bed.outlines)} frames" if bed.poses else "in this picture"
+        where = f"in each of {len(bed.outlines)} frames" if bed.poses else "in this picture"
         raise NothingToMeasure(
-            f"{clip}: too little of the bed's surface was found {where}: something may be in front of it, or bed and "
-            "drum look alike where it is dark or strongly compressed; give the original file, light the drum from the "
-            "front, keep hands out of the view."
+            f"{clip}: the surface of the bed was found at fewer than eight points of x {where}: give the original "
+            "file, light the drum from the front, keep hands out of the view, or state the inner rim with --circle "
+            "cx,cy,r.",
+            Seen(marks=rim_seen_at(bed.rim, bed.lens)),
         ) from nothing
     quantities = tuple(
         doubted(doubted(one, failed(of_picture, rests_on(one, of_picture))), spoilt) for one in evaluation.quantities

@@ -124,7 +124,8 @@ def evaluate_discharge(
     if not last.time > opened.time:
         raise NothingToMeasure(
             f"{_named(left)}: the last particle leaves at {last.time:.4g} s, "
-            f"before the opening at {opened.time:.4g} s; check the time of opening."
+            f"before the opening at {opened.time:.4g} s; check the time of opening, or move --start and --end to one "
+            "discharge."
         )
     stays = float(share[-1]) if residue is None else residue
     cut = last.method == CUT or _still_flows(time, share, last.time - opened.time)
@@ -241,11 +242,14 @@ def _share_left(left: Series) -> tuple[Array, Array, float]:
         tail = value[-max(5, len(value) // 10) :]
         stopped = float(np.ptp(tail)) <= max(1e-9, 6 * _noise(value))
         advice = (
-            "nothing leaves any more: beads arch over the outlet, or it was not opened; use a wider outlet"
+            "do not change any more; if beads arch over the outlet use a wider one, and give a record of its opening"
             if stopped
-            else "beads still leave; give a record that lasts until the flow has stopped"
+            else "still change; give a record that lasts until the flow has stopped"
         )
-        raise NothingToMeasure(f"{_named(left)}: {percent:.0f} % is still left at the end and {advice}.")
+        raise NothingToMeasure(
+            f"{_named(left)}: {percent:.0f} % is still left at the end, at most {100 * STAYS:.0f} % may be, and the "
+            f"last {len(tail)} values, from {time[-len(tail)]:.4g} s on, {advice}."
+        )
     return time, value / full, full
 
 
@@ -268,7 +272,10 @@ def _last_loss(time: Array, share: Array) -> Instant:
     end = float(np.median(share[-max(3, len(share) // 50) :]))
     above = np.flatnonzero(share > end + max(3 * _noise(share), 1e-9))
     if len(above) == 0:
-        raise NothingToMeasure("hopper: nothing leaves in this record.")
+        raise NothingToMeasure(
+            f"hopper: what is left never lies above its last value by more than its noise ({time[0]:.4g} to "
+            f"{time[-1]:.4g} s); give a record from before the opening until the flow has stopped."
+        )
     k = min(int(above[-1]), len(time) - 2)
     # a counted record loses its last particle at an unknown time between these two values
     middle, step = (time[k] + time[k + 1]) / 2, time[k + 1] - time[k]

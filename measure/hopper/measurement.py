@@ -52,11 +52,13 @@ from rigtwin.measure.hopper.outflow import follow_outflow
 from rigtwin.measure.hopper.scale import outlet_velocity, scale_of
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import open_video
+from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 
 AREA_UNCERTAINTY = 0.05  # relative standard uncertainty of the mass share from the visible area of the bed
 
 
+@shows_refusals
 def measure(
     clip: Path,
     camera: Camera,

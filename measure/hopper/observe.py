@@ -131,7 +131,10 @@ def _opened_by_flow(seen: Outflow, time: Array) -> Instant:
     level = float(np.median(usual)) + 6 * float(np.std(usual)) + 1.0
     moving = np.flatnonzero((change > level) & (np.roll(change, -1) > level) & ~covered_frames(seen))
     if len(moving) == 0:
-        raise NothingToMeasure("hopper: no motion of the bed was found in this clip; begin it before the opening.")
+        raise NothingToMeasure(
+            f"hopper: in no two frames in a row from {time[0]:.3f} to {time[-1]:.3f} s the bed above the slot changes "
+            f"by more than {level:.1f} grey levels; begin the clip before the opening, or move --start and --end to it."
+        )
     first = int(moving[0])
     # a displacement of a twentieth of a bead in free fall is visible
     return Instant(

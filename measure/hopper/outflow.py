@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image, Mask
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress
 from rigtwin.measure.bulk.beads import colour_cells, find_beads, rare, shares
 from rigtwin.measure.bulk.piv import Displacements, MeanCorrelation, without_outliers
@@ -286,8 +286,10 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     bed = _bed(np.asarray(differs > level), full)
     if bed is None:
         raise NothingToMeasure(
-            f"{video.path}: no bed was found that has left at the end; give a clip that begins before the slot opens "
-            "and ends when the last bead has left, with the camera at rest."
+            f"{video.path}: {100 * float(np.mean(differs > level)):.1f} % of the picture differ between the first and "
+            f"the last {ENDS} frames ({video.first} to {video.last}), but not in a region with the size and the free "
+            "border of a bed; give a clip that begins before the slot opens and ends when the last bead has left, with "
+            "the camera at rest, or move --start, --end and --region to it."
         )
     beads = find_beads(*_searched(full, bed)) if bead is None else None
     width = float(np.ptp(np.nonzero(bed)[1]))
@@ -303,8 +305,10 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     slot = _above_slide(np.asarray(odds)[cells_full], bed & (odds[cells_full] > 0.7), slot, seen)
     if slot.row + seen > full.shape[0]:
         raise NothingToMeasure(
-            f"{video.path}: the picture ends at the slot; show about five bead diameters below it as well (or give a "
-            "larger --region)."
+            f"{video.path}: the slot was found at y = {_ends_of(slot, lens)[0][1]:.0f} px, less than a bead diameter "
+            f"({seen / lens.zoom:.0f} px) above the lower edge of what is looked at; show about five bead diameters "
+            "below it as well, or give a larger --region.",
+            Seen(frame=video.first, marks=(Mark("slot", _ends_of(slot, lens)),)),
         )
     contrast = float(np.median(apart(full, empty)[core]))
     return Scenery(
@@ -320,6 +324,11 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
         bead is not None or beads is not None,
         contrast,
     )
+
+
+def _ends_of(slot: Slot, lens: Cut) -> list[tuple[float, float]]:
+    """Ends of the slot in pixels of the clip (not turned back by the roll of the camera)."""
+    return [(x, y) for x, y in lens.in_clip(np.array([[slot.left, slot.row], [slot.right, slot.row]])).tolist()]
 
 
 def _searched(picture: Image, bed: Mask) -> tuple[Image, tuple[float, float]]:

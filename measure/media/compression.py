@@ -31,9 +31,7 @@ def by_bits(video: Video) -> str:
     """Advice for a recording in which compression may hide the searched event, with its bits per pixel."""
     if not video.path.is_file():
         return ""
-    return (
-        f" If one does, strong compression ({_bits(video):.2g} bits per pixel here) hides it: give the original file."
-    )
+    return f"; strong compression may hide motion, so give the original file ({_bits(video):.2g} bits per pixel here)"
 
 
 def _bits(video: Video) -> float:

@@ -62,8 +62,8 @@ def mean_outline(profile: Profile, cylinder: float | None) -> tuple[float, float
     x, height = inside_cylinder(profile, cylinder)
     if len(x) < 8 or np.ptp(x) <= 0:
         raise NothingToMeasure(
-            f"profile {profile.view!r} shows too little of the bed's surface inside the cylinder; "
-            "give x_m from the axis and height_m above the floor."
+            f"profile {profile.view!r} has {len(x)} points of known height inside the cylinder, 8 are needed; give x_m "
+            "from the axis and height_m above the floor, or state the walls of a photo with --cylinder x1,y1,x2,y2."
         )
     # resample in equal steps: a profile may have more points in some places
     places = np.linspace(x.min(), x.max(), 400)

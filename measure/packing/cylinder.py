@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, GreyImage, Image
 from rigtwin.lab.camera import STATED_SIGMA, Line
+from rigtwin.lab.errors import Mark
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, likeness, more_beads, rim_radius
 from rigtwin.measure.bulk.hidden_surface import covered_columns, glare_in
 from rigtwin.measure.bulk.outline import Silhouette, View, outline_of
@@ -158,6 +159,20 @@ class Bed:
         return float(np.clip(share * steep * beads, -1.5, 1.5)), math.sqrt(share) * uncertainty * beads
 
 
+@dataclass(frozen=True)
+class NoBed:
+    """Why no bed was found, and what was."""
+
+    why: str
+    marks: tuple[Mark, ...]  # in pixels of the photo
+
+
+def _no_bed(why: str, beads: Beads | None, zoom: float) -> NoBed:
+    circles = [] if beads is None else beads.centre.tolist()
+    radius = 0.0 if beads is None else beads.radius / zoom
+    return NoBed(why, tuple(Mark("", [(x / zoom, y / zoom)], radius) for x, y in circles))
+
+
 def find_bed(
     photo: Image,
     *,
@@ -166,7 +181,7 @@ def find_bed(
     roll: float | None = None,
     region: tuple[float, float, float, float] | None = None,
     stated: Stated | None = None,
-) -> Bed | str:
+) -> Bed | NoBed:
     """Find the bed in a photo (BGR), or say why there is none.
 
     `cylinder` (inner) and `bead` are diameters [m] where known, `stated` are walls and floor read off the photo.
@@ -178,11 +193,12 @@ def find_bed(
     beads = _beads(image, grey, region, stated, ratio)
     count = 0 if beads is None else len(beads.centre)
     if beads is None or len(beads.centre) < FEWEST:
-        return f"{count} touching circles of one size were found, {FEWEST} are needed"
+        return _no_bed(f"{count} touching circles of one size were found, {FEWEST} are needed", beads, zoom)
     upright, roll_seen = _upright(grey, roll)
     odds, region_of_grains = grain_region(image, grey, beads)
     if not region_of_grains.any():
-        return f"the {len(beads.centre)} circles that were found do not cover a region five circles wide"
+        why = f"the {len(beads.centre)} circles that were found do not cover a region five circles wide"
+        return _no_bed(why, beads, zoom)
     lean = upright.at(stated.middle[0] if stated.walls else float(np.median(np.nonzero(region_of_grains)[1])))[0]
     straight = straightened(odds, region_of_grains, lean, beads.radius)
     left, right = _walls(straight, beads.radius, upright) if stated.walls is None else stated.across(straight, lean)
@@ -191,7 +207,8 @@ def find_bed(
     chosen = _of_the_bed(image, beads, straight, region_of_grains, (left, right), radius)
     (column, middle), x = straight.centre, (straight.centre[0] + left, straight.centre[0] + right)
     if chosen is None:
-        return f"fewer than {FEWEST} of {len(beads.centre)} circles lie between x = {x[0]:.0f} and {x[1]:.0f} px"
+        why = f"fewer than {FEWEST} of {len(beads.centre)} circles lie between x = {x[0] / zoom:.0f} and"
+        return _no_bed(f"{why} {x[1] / zoom:.0f} px", beads, zoom)
     kept, alike, clear, beyond = chosen
     seen_radius = rim_radius(grey, clear)
     ends = lower_ends(straight, (left, right))
@@ -210,7 +227,8 @@ def find_bed(
     kept = Beads(kept.centre[_filled(kept, alike)], kept.radius)
     found = outline_of(image, alike, kept, view, solid=True)
     if found is None:
-        return f"no outline was found above {len(kept.centre)} circles between x = {x[0]:.0f} and {x[1]:.0f} px"
+        why = f"no outline was found above {len(kept.centre)} circles between x = {x[0] / zoom:.0f} and"
+        return _no_bed(f"{why} {x[1] / zoom:.0f} px", kept, zoom)
     covered = covered_columns(found, image, kept, alike, glare, np.abs(found.x) < INSIDE * width / 2)
     found = replace(found, height=np.where(covered, np.nan, found.height), zoom=zoom)
     gauge = None
@@ -481,16 +499,18 @@ def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
     return bool(np.mean(edge) > 0.5 * np.median(at(alike, beads.centre)))
 
 
-def _judged(bed: Bed, cut_off: bool) -> Bed | str:
+def _judged(bed: Bed, cut_off: bool) -> Bed | NoBed:
     """The bed with the uncertainty and flaws of its outline, or why too little of the surface is visible."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
     known = seen & np.isfinite(found.height)
     shown = float(np.sum(known) / np.sum(seen))
     if shown < LEAST_SHOWN:
-        return (
-            f"the surface of the bed was found over {100 * shown:.0f} % of the cylinder's {bed.width:.0f} px, "
-            f"{100 * LEAST_SHOWN:.0f} % are needed"
+        points = found.view.to_picture(found.x, np.asarray(found.height)) / found.zoom
+        return NoBed(
+            f"the surface of the bed was found over {100 * shown:.0f} % of the cylinder's {bed.width / found.zoom:.0f} "
+            f"px, {100 * LEAST_SHOWN:.0f} % are needed",
+            (Mark("surface", points.tolist()),),
         )
     apart = np.abs(found.looser[known] - found.stricter[known])
     uncertainty = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY

@@ -152,7 +152,9 @@ def evaluate_views(
     ]
     if found[1].value <= 0:
         raise NothingToMeasure(
-            f"the outline lies at {outline * 1e3:.1f} mm, not above the floor by a bead; check height_m and its zero."
+            f"the outline lies {outline * 1e3:.1f} mm above the floor, and the mean surface "
+            f"{-found[1].value * 1e3:.1f} mm below it; check the zero of the heights, or state the floor of a photo "
+            "with --floor y."
         )
     warnings = list(dict.fromkeys(each.unconfirmed for each in seen if each.unconfirmed))
     if bead is None:

@@ -24,10 +24,12 @@ from rigtwin.measure.packing.checks import BY_HAND
 from rigtwin.measure.packing.cylinder import Bed
 from rigtwin.measure.packing.evaluate import evaluate_views
 from rigtwin.measure.packing.observe import observe
+from rigtwin.measure.refusal import shows_refusals
 
 # ---------------------------------------------------------------------------------------------------- media -> record
 
 
+@shows_refusals
 def measure(
     photos: Sequence[Path],
     camera: Camera,

@@ -10,7 +10,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
 from rigtwin.lab.quantity import (
     Check,
     failed,
@@ -20,7 +20,7 @@ from rigtwin.measure.bulk.checks import size_unseen
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import NEARER, SAME_PLANE, STATED, gauge_pitch, picture_checks
-from rigtwin.measure.packing.cylinder import Bed, Stated, find_bed
+from rigtwin.measure.packing.cylinder import Bed, NoBed, Stated, find_bed
 from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
 
 GIVEN_UNCERTAINTY = 0.003  # relative standard uncertainty of a scale from a length in the plane of the axis
@@ -35,9 +35,14 @@ def observe(
 ) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
     places = Stated(camera.cylinder, camera.floor)
     bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=places)
-    if isinstance(bed, str):
-        advice = "" if camera.cylinder is not None else "; state the walls with --cylinder x1,y1,x2,y2"
-        raise NothingToMeasure(f"{photo}: no bed of beads: {bed}{advice}.")
+    if isinstance(bed, NoBed):
+        advice = (
+            "give a sharper photo" if camera.cylinder is not None else "state the walls with --cylinder x1,y1,x2,y2"
+        )
+        raise NothingToMeasure(
+            f"{photo}: no bed of beads: {bed.why}; {advice}, or the part with the bed with --region x,y,width,height.",
+            Seen(medium=photo, marks=bed.marks),
+        )
     scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)
     x, above = bed.outline
     stated = bed.stated.walls is not None or bed.stated.floor is not None

@@ -134,7 +134,7 @@ def in_order(tracks: Sequence[Track], variant: Variant) -> tuple[Track, ...]:
         return (named.get("A", tracks[0]),)
     if len(tracks) == 1:
         raise NothingToMeasure(
-            "Only one bead moves in this record; a double pendulum needs bead A and bead B (for a wall: variant wall)."
+            "the record holds one track; a double pendulum needs those of bead A and bead B (for a wall: variant wall)."
         )
     if not {"A", "B"} <= set(named):
         raise BadInput(

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, GreyImage, Image
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.media.compression import by_bits
@@ -28,6 +28,7 @@ Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # [bead diameters], minimum jump from the hitting bead to the one that is hit
 MOST_MEETINGS = 8  # number of candidate collisions with the highest scores that are verified in the film
+MOST_MARKED = 8  # paths drawn into the picture of a refusal
 COMPARABLE = 0.4  # minimum score of a candidate over the best one
 HUNG = 0.5  # minimum change at B's rest position over the contrast of the beads
 JUST_LEFT = 12  # [frames] after the collision in which B has left its rest position and A has hardly reached it
@@ -268,14 +269,14 @@ def find_collision(
     if not meetings and in_pieces:
         meetings = _meetings_of_pieces(paths)
     if not meetings and not moving:
-        raise NothingToMeasure(
-            f"{video.path}: no bead is seen to swing in this clip; show the release and the hit.{by_bits(video)}"
-        )
+        raise no_swing(paths, video)
     if not meetings:
         lone = lone_swing(moving, video, stated_length)
         raise NothingToMeasure(
-            f"{video.path}: no bead is seen to hit a second one{lone}; the clip must show the released bead, "
-            "the hanging bead and their collision."
+            f"{video.path}: {len(moving)} moving objects were followed (frames {video.first} to {video.last}), but no "
+            f"path begins in the direction in which another one arrives there{lone}; the clip must show the released "
+            "bead, the hanging bead and their collision: leave out what else moves with --start, --end or --region.",
+            Seen(marks=marks_of(moving)),
         )
     collisions = [_collision(fall, rise, paths) for fall, rise in meetings[:MOST_MEETINGS]]
     return next((collision for collision in collisions if shown(collision)), collisions[0])
@@ -320,6 +321,24 @@ def _leap(fall: Path, rise: Path) -> float:
     further = rise.places[0] - fall.places[-1] - velocity * (rise.frames[0] - fall.frames[-1])
     way = velocity / max(float(np.hypot(*velocity)), 1e-9)
     return float(further @ way) / float(np.median([*fall.sizes, *rise.sizes]))
+
+
+def no_swing(paths: list[Path], video: Video) -> NothingToMeasure:
+    """The refusal of a clip in which nothing moves far."""
+    found = f"none of the {len(paths)} moving objects that were followed" if paths else "nothing"
+    return NothingToMeasure(
+        f"{video.path}: {found} (frames {video.first} to {video.last}) moves by more than 3 times its size; show the "
+        f"release and the hit, or move --start, --end or --region to them{by_bits(video)}.",
+        Seen(marks=marks_of(paths)),
+    )
+
+
+def marks_of(paths: list[Path]) -> tuple[Mark, ...]:
+    """The longest paths as lines in the picture, with the frames that they last."""
+    longest = sorted(paths, key=lambda path: -path.extent)[:MOST_MARKED]
+    return tuple(
+        Mark(f"{path.frames[0]}-{path.frames[-1]}", [(float(x), float(y)) for x, y in path.places]) for path in longest
+    )
 
 
 def lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import seeing
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity, doubted, failed
 from rigtwin.lab.records import Track, write_tracks
@@ -34,18 +35,21 @@ from rigtwin.measure.pendulum.observe import (
     fit_clip,
     roll_warning,
     scale_of,
+    tracks_seen,
     upright,
     watch,
     watch_wall,
 )
 from rigtwin.measure.pendulum.swing_fit import SwingFit, onset
 from rigtwin.measure.pendulum.swing_model import turning_points
+from rigtwin.measure.refusal import shows_refusals
 
 UNCONFIRMED = (
     "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check."
 )
 
 
+@shows_refusals
 def measure(
     clip: Path,
     camera: Camera,
@@ -122,7 +126,8 @@ def measure(
     scale, scale_from = scale_of(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks, axis = upright(film, camera_axis(video), scale, roll)
-    fit = fit_clip(clip, tracks, axis=axis, ground=GROUND)
+    with seeing(tracks_seen(film.beads)):
+        fit = fit_clip(clip, tracks, axis=axis, ground=GROUND)
     evaluation = judge(
         fit,
         None if scale_from == "pendulum length" else length,

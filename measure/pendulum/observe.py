@@ -10,7 +10,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import Mark, NothingToMeasure, Seen, seeing
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
@@ -63,22 +63,30 @@ def watch_wall(video: Video, camera: Camera, length: float | None, progress: Pro
         if again[0, k]
     }
     beads = _one_bead(look_again(chase, expected), video)
-    return Film(beads, times, fit_clip(video.path, picture_tracks(beads, times), axis=camera_axis(video)), losses)
+    with seeing(tracks_seen(beads)):
+        fit = fit_clip(video.path, picture_tracks(beads, times), axis=camera_axis(video))
+    return Film(beads, times, fit, losses)
 
 
 def _swings(video: Video, beads: Beads) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
     """Times [s] of all frames corrected for lost frames, the swings, and the lost frames."""
     times = video.times[beads.frames]
-    losses, fit = find_losses(
-        times, picture_tracks(beads, times), lambda tracks: fit_clip(video.path, tracks, axis=camera_axis(video))
-    )
+    with seeing(tracks_seen(beads)):
+        losses, fit = find_losses(
+            times, picture_tracks(beads, times), lambda tracks: fit_clip(video.path, tracks, axis=camera_axis(video))
+        )
     return in_time(times, losses), fit, losses
 
 
 def _one_bead(chase: Chase, video: Video) -> Beads:
     look = chase.look
     if look is None:
-        raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like a bead.")
+        path = chase.path
+        raise NothingToMeasure(
+            f"{video.path}: what moves in frames {path.frames[0]} to {path.frames[-1]} does not fit the picture of a "
+            "round bead; film the bead larger or with more light, or leave out what else moves with --region.",
+            Seen(frame=path.frames[0], marks=(Mark("", [(spot.x, spot.y) for spot in path.spots]),)),
+        )
     frames = np.array([index for index in range(video.first, video.last + 1) if index not in video.skipped])
     images = images_by_frame(chase, frames)
     # frames of a bead at rest are not all cut out: use the pose of the next one that is
@@ -98,6 +106,12 @@ def picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:
         sigma = np.array([image.sigma for _, image in seen])
         tracks.append(Track(np.array([time for time, _ in seen]), position, sigma, body))
     return tuple(tracks)
+
+
+def tracks_seen(beads: Beads) -> Seen:
+    """Where the beads were located, for the picture of a refusal."""
+    places = [[(image.x, image.y) for image in images if image is not None] for images in beads.images]
+    return Seen(marks=tuple(Mark(f"bead {name}", track) for name, track in zip("AB", places, strict=False)))
 
 
 def _second_look(fit: SwingFit, beads: Beads, times: Array) -> tuple[Array, Array, Mask]:
@@ -131,7 +145,7 @@ def fit_clip(
     try:
         return fit_swings(tracks, axis=axis, ground=ground)
     except NothingToMeasure as error:
-        raise NothingToMeasure(f"{clip}: {error}") from None
+        raise NothingToMeasure(f"{clip}: {error.message}", error.seen) from None
 
 
 def scale_of(film: Film, camera: Camera, length: float | None, bead_diameter: float | None) -> tuple[float, str]:

@@ -109,7 +109,9 @@ def fit_swings(
     """
     origin, unit = tracks[0].position[0], float(np.ptp(tracks[0].position[:, 0]))
     if not unit > 0:
-        raise NothingToMeasure("Bead A never moves in this record; let the clip run from before the release.")
+        raise NothingToMeasure(
+            f"all {len(tracks[0].time)} positions of bead A have the same x; let the clip run from before the release."
+        )
     scaled = tuple(
         replace(track, position=(track.position - origin) / unit, sigma=track.sigma / unit) for track in tracks
     )
@@ -170,6 +172,16 @@ def onset(track: Track) -> int | None:
     return int(np.argmax(settled))
 
 
+def _at_rest(track: Track) -> str:
+    away = np.hypot(*(track.position - np.median(track.position[:5], axis=0)).T)
+    times = float(np.percentile(away, 95)) / max(jitter(track), 1e-12)
+    return (
+        f"bead {track.body} does not clearly leave its first position from {track.time[0]:.3f} to "
+        f"{track.time[-1]:.3f} s: most positions lie within {times:.1f} times their noise of it, and 12 are needed, at "
+        "three frames in a row"
+    )
+
+
 def jitter(track: Track) -> float:
     """Noise of one coordinate [m] from second differences: an upper limit, as it includes the path's curvature."""
     second = np.diff(track.position, n=2, axis=0)
@@ -185,13 +197,13 @@ def _first_guess(tracks: tuple[Track, ...]) -> Swings:
     a = tracks[0]
     start, hit = onset(a), _first_hit(tracks)
     if start is None:
-        raise NothingToMeasure("Bead A never moves in this record; let the clip run from before the release.")
+        raise NothingToMeasure(f"{_at_rest(a)}; let the clip run from before the release.")
     hit_time = float(tracks[-1].time[hit])
     falling = np.arange(start, int(np.searchsorted(a.time, hit_time)))
     if len(falling) < 6:
         raise NothingToMeasure(
-            f"Only {len(falling)} frames lie between the release of bead A and the collision at {hit_time:.3f} s; "
-            "film at a higher rate, or let the clip begin before the release."
+            f"bead A has {len(falling)} positions between its first motion at {a.time[start]:.3f} s and the collision "
+            f"at {hit_time:.3f} s, 6 are needed; film at a higher rate, or let the clip begin before the release."
         )
     circles = [fit_circle(track.position) for track in tracks]
     lowest = np.median(tracks[1].position[: max(hit, 1)], axis=0) if len(tracks) > 1 else a.position[hit]
@@ -227,9 +239,9 @@ def _seen_after(hit: float, tracks: tuple[Track, ...]) -> None:
     for track, end in zip(tracks, ends, strict=True):
         if np.sum(track.time > hit) < FEWEST_AFTER and max(ends) > max(end, hit) + FEWEST_AFTER * frame_interval(track):
             raise NothingToMeasure(
-                f"Bead {track.body} is not seen after the collision at {hit:.3f} s, though the record goes on to "
-                f"{max(ends):.3f} s: something hides it, or another object was followed; clear the view, film "
-                "larger, or narrow the search with --region."
+                f"bead {track.body} has fewer than {FEWEST_AFTER} positions after the collision at {hit:.3f} s, though "
+                f"the record goes on to {max(ends):.3f} s; clear the view, film larger, or, if another object was "
+                "followed, narrow the search with --region."
             )
 
 
@@ -238,16 +250,17 @@ def _first_hit(tracks: tuple[Track, ...]) -> int:
     if len(tracks) > 1:
         hit = onset(tracks[1])
         if hit is None:
-            raise NothingToMeasure(
-                "Bead B never moves: there is no collision in this record; let the clip run on past the collision."
-            )
+            raise NothingToMeasure(f"{_at_rest(tracks[1])}; let the clip run on past the collision.")
         return hit
     # a wall reverses the bead at full speed; at the end of a swing it turns slowly
     track = tracks[0]
     step = np.diff(track.position, axis=0)
     kink = np.hypot(*np.diff(step, axis=0).T)
     if len(kink) < 10 or np.max(kink) < 6 * np.percentile(kink, 80) + 6 * jitter(track):
-        raise NothingToMeasure("The bead never rebounds from a wall in this record; let the clip run past the impact.")
+        raise NothingToMeasure(
+            f"no sudden turn was found in the path of the bead from {track.time[0]:.3f} to {track.time[-1]:.3f} s; let "
+            "the clip run past the impact on the wall."
+        )
     return int(np.argmax(kink > 0.5 * np.max(kink))) + 2
 
 
@@ -264,8 +277,8 @@ def _pull(time: Array, angle: Array) -> float:
     slope = float(np.polynomial.Polynomial.fit(np.cos(curve(time)), energy, 1).convert().coef[-1])
     if not slope > 0:
         raise NothingToMeasure(
-            "Bead A does not gain speed as a falling pendulum does; let the clip begin before the release, with an "
-            "upright camera."
+            f"bead A does not gain speed on its way down from {time[0]:.3f} to {time[-1]:.3f} s; let the clip begin "
+            "before the release, with an upright camera."
         )
     return slope / 2
 
@@ -276,7 +289,8 @@ def _slope(time: Array, angle: Array, start: float, span: float) -> float:
     near = (time > start) & (time <= max(start + span, later[min(4, len(later) - 1)] if len(later) else start))
     if np.sum(near) < FEWEST_AFTER:
         raise NothingToMeasure(
-            f"The record ends right after the collision at {start:.3f} s; film on for one more swing."
+            f"a bead has {int(np.sum(near))} positions right after the collision at {start:.3f} s, {FEWEST_AFTER} are "
+            "needed; film on for one more swing."
         )
     degree = 2 if np.sum(near) > 4 else 1
     return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
@@ -311,9 +325,8 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
         swinging = float(swings["gravity"]) > 0 and np.all(swings.per_bead("length") > 0)
         if not (swinging and all(np.all(np.isfinite(residual)) for residual in residuals)):
             raise NothingToMeasure(
-                "The swing does not show the pull of gravity: too little of it, or another object than the beads, was "
-                "followed; film larger, from before the release to past the collision, or narrow the search with "
-                "--region."
+                "the swing that fits the positions best has no gravity or no length; film larger, from before the "
+                "release to past the collision, or, if other objects were followed, narrow the search with --region."
             )
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
         spread = mad_std(scaled, centre=0.0)
@@ -357,11 +370,11 @@ def _clearing(swings: Swings) -> float:
 def _enough(used: list[Mask], swings: Swings, tracks: tuple[Track, ...]) -> None:
     hit = float(swings["time_0"])
     for mask, track in zip(used, tracks, strict=True):
-        after = int(np.sum(mask & (track.time > hit)))
-        if after < 5 or (track is tracks[0] and np.sum(mask & (track.time < hit)) < 5):
+        before, after = (int(np.sum(mask & side)) for side in (track.time < hit, track.time > hit))
+        if after < 5 or (track is tracks[0] and before < 5):
             raise NothingToMeasure(
-                f"Too few frames show bead {track.body} swinging freely before and after the collision at {hit:.3f} s; "
-                "film at a higher rate, and for one swing past the collision."
+                f"bead {track.body} has {before} positions that fit a free swing before the collision at {hit:.3f} s "
+                f"and {after} after it, 5 are needed; film at a higher rate, and for one swing past the collision."
             )
 
 

@@ -12,12 +12,20 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.geometry.circle import fit_circle
-from rigtwin.measure.media.compression import by_bits
 from rigtwin.measure.media.video import Video
-from rigtwin.measure.pendulum.find_collision import LOST, Path, Region, find_paths, lone_swing, with_beginning
+from rigtwin.measure.pendulum.find_collision import (
+    LOST,
+    Path,
+    Region,
+    find_paths,
+    lone_swing,
+    marks_of,
+    no_swing,
+    with_beginning,
+)
 from rigtwin.measure.pendulum.track_two_beads import as_spots, sample_frames, still_scene
 from rigtwin.measure.tracking.bead_image import BeadImage
 from rigtwin.measure.tracking.find_paths import Movement
@@ -46,9 +54,7 @@ def find_rebound(paths: list[Path], video: Video, stated_length: float | None = 
     """
     moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
     if not moving:
-        raise NothingToMeasure(
-            f"{video.path}: no bead is seen to swing in this clip; show the release and the hit.{by_bits(video)}"
-        )
+        raise no_swing(paths, video)
     best, best_score = None, 0.0
     for fall in [with_beginning(path, paths) for path in moving]:
         for rise in paths:
@@ -58,8 +64,10 @@ def find_rebound(paths: list[Path], video: Video, stated_length: float | None = 
     if best is None:
         lone = lone_swing(moving, video, stated_length)
         raise NothingToMeasure(
-            f"{video.path}: no bead is seen to bounce back from a wall{lone}; the clip must show the released bead "
-            "and its way back from the wall (for two beads: variant double)."
+            f"{video.path}: {len(moving)} moving objects were followed (frames {video.first} to {video.last}), but no "
+            f"path goes back where and when another one ends at speed{lone}; the clip must show the released bead and "
+            "its way back from the wall (for two beads: variant double).",
+            Seen(marks=marks_of(moving)),
         )
     return best
 

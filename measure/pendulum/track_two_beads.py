@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, GreyImage
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.media.video import Frame, Video
 from rigtwin.measure.pendulum.find_collision import (
@@ -30,6 +30,7 @@ from rigtwin.measure.pendulum.find_collision import (
     find_paths,
     hanging_place,
     hung,
+    marks_of,
     weight_of,
 )
 from rigtwin.measure.scene.background import Background, frames_of
@@ -274,7 +275,12 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
                     pace = float(np.hypot(*speed))
                     smears += [math.hypot(*best.image.blur) / pace] if pace > 3 else []
     if len(fits[0]) < 3 and len(fits[1]) < 3:
-        raise NothingToMeasure(f"{video.path}: what moves in this clip does not look like beads.")
+        raise NothingToMeasure(
+            f"{video.path}: two moving objects meet in frame {collision.rise.frames[0]}, but a round bead fits "
+            f"{len(fits[0])} pictures of the one and {len(fits[1])} of the other, 3 are needed; film the beads larger "
+            "or with more light, or leave out what else moves with --region.",
+            Seen(frame=collision.rise.frames[0], marks=marks_of([collision.fall, collision.rise])),
+        )
     looks = [common_look(own if len(own) >= 3 else other) for own, other in (fits, fits[::-1])]
     return looks, min(float(np.median(smears)), 1.0) if len(smears) > 2 else 0.3
 

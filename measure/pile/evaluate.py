@@ -103,9 +103,12 @@ def evaluate_views(
         grain = bead_diameter or seen.grain
         heap = repose_angles.find_parts(seen.profile, base_diameter, grain)
         if heap is None:
+            known = seen.profile.height[np.isfinite(seen.profile.height) & np.isfinite(seen.profile.x)]
+            points, above = len(known), int(np.sum(known > 0))
             raise NothingToMeasure(
-                f"profile {number + 1} ({seen.profile.view}) contains no heap above its base line; "
-                "if it is a table, check that height_m is measured upwards from the base."
+                f"profile {number + 1} ({seen.profile.view}) has {points} points of known height, of which "
+                f"{above} lie above its base line, and shows no heap there; check that heights are measured upwards "
+                "from the base, or state the base of a photo with --base x1,y1,x2,y2."
             )
         found = _quantities_of_view(seen, heap, base_diameter, grain)
         if len(observations) > 1:

@@ -15,8 +15,10 @@ from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.pile.evaluate import evaluate_views
 from rigtwin.measure.pile.observe import NO_SCALE, Draw, observe_photo, observe_table
+from rigtwin.measure.refusal import shows_refusals
 
 
+@shows_refusals
 def measure(
     photos: Sequence[Path],
     camera: Camera,

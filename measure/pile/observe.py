@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
@@ -93,13 +93,15 @@ def observe_photo(
     look = partial(find_heap, image, roll=camera.roll, region=camera.region, focal_length=focal_length)
     if camera.base is not None:
         look = partial(look, base=camera.base, flank=camera.flank)
-    found = look(beads_across=ratio)
-    if found is None:
+    try:
+        found = look(beads_across=ratio)
+    except NothingToMeasure as nothing:
+        advice = "" if camera.base is not None else ", or the line it stands on with --base x1,y1,x2,y2"
         raise NothingToMeasure(
-            f"{photo}: no heap of beads with contrast to its background was found; "
-            "give a side view of the whole heap, its place with --region x,y,width,height, "
-            "or the line it stands on with --base x1,y1,x2,y2."
-        )
+            f"{photo}: no heap was found: {nothing.message}; give a side view of the whole heap, its place with "
+            f"--region x,y,width,height{advice}.",
+            replace(nothing.seen or Seen(), medium=photo),
+        ) from None
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, GreyImage, Image
 from rigtwin.lab.camera import STATED_SIGMA, Flank, Line
+from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.measure.bulk.beads import (
     Beads,
     edges,
@@ -50,8 +51,10 @@ def find_heap(
     focal_length: float | None = None,
     base: Line | None = None,
     flank: Flank | None = None,
-) -> Silhouette | None:
-    """Find the outline of a heap of beads in a photo (BGR); None if there is no heap.
+) -> Silhouette:
+    """Find the outline of a heap of beads in a photo (BGR).
+
+    Raises `NothingToMeasure` with what was found instead of a heap.
 
     `roll` [rad] and `region` [px] are those of the camera, `beads_across` is the base diameter in bead diameters,
     `focal_length` [px] that of the lens where it is known.  `base` is the line that the heap stands on, where it is
@@ -62,13 +65,18 @@ def find_heap(
     if region is not None:
         photo = photo[top : top + round(region[3]), left : left + round(region[2])]
         if not photo.size:
-            return None
-    if base is None:
-        found = _heap_in(photo, roll, beads_across, focal_length)
-    else:
-        (x1, y1), (x2, y2) = base
-        found = _heap_on(photo, ((x1 - left, y1 - top), (x2 - left, y2 - top)), beads_across, focal_length, flank)
-    return None if found is None else _moved(found, left, top)
+            raise NothingToMeasure("no pixel of the photo lies inside --region")
+    try:
+        if base is None:
+            found = _heap_in(photo, roll, beads_across, focal_length)
+        else:
+            (x1, y1), (x2, y2) = base
+            found = _heap_on(photo, ((x1 - left, y1 - top), (x2 - left, y2 - top)), beads_across, focal_length, flank)
+    except NothingToMeasure as nothing:
+        marks = () if nothing.seen is None else nothing.seen.marks
+        moved = (replace(mark, points=[(x + left, y + top) for x, y in mark.points]) for mark in marks)
+        raise NothingToMeasure(nothing.message, Seen(marks=tuple(moved))) from None
+    return _moved(found, left, top)
 
 
 def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
@@ -81,7 +89,7 @@ def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
     return replace(found, view=replace(found.view, origin=origin), disc=disc)
 
 
-def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette | None:
+def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette:
     zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
@@ -93,7 +101,12 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
         stated = None if beads_across is None else view.radius / beads_across
         circles = _beads(_around(grey, disc), stated)
         if circles is None:
-            return None
+            (x, y), half = disc.centre, disc.half_width
+            rim = Mark("base", [((x - half) / zoom, y / zoom), ((x + half) / zoom, y / zoom)])
+            raise NothingToMeasure(
+                f"no touching circles of one size (beads) on a base disc that is {2 * half / zoom:.0f} px wide",
+                Seen(marks=(rim,)),
+            )
         beads, bead_seen = circles
         radius = beads.radius if stated is None else stated
     elif (circles := _beads(grey)) is not None:
@@ -104,12 +117,23 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
         across = (beads.centre - np.array(view.origin)) @ np.array([np.cos(view.roll), np.sin(view.roll)])
         span = replace(view, radius=float(np.abs(across).max()) + radius)
     else:
-        return None
+        raise NothingToMeasure("neither a round base nor touching circles of one size (beads)")
     found = outline_above(image, span, radius)
     if found is None:
-        return None
+        raise NothingToMeasure(_no_outline(span, zoom), _seen(beads, zoom))
     found = replace(found, view=view, disc=disc, zoom=zoom, bead_seen=bead_seen)
-    return found if _looks_like_a_heap(found) else None
+    if flaw := _unlike_a_heap(found):
+        raise NothingToMeasure(flaw, _seen(beads, zoom))
+    return found
+
+
+def _seen(beads: Beads, zoom: float) -> Seen:
+    """The circles that were found, for the picture of a refusal."""
+    return Seen(marks=tuple(Mark("", [(x / zoom, y / zoom)], beads.radius / zoom) for x, y in beads.centre.tolist()))
+
+
+def _no_outline(span: View, zoom: float) -> str:
+    return f"no outline of what differs from the background above a base line {2 * span.radius / zoom:.0f} px wide"
 
 
 def _around(grey: GreyImage, disc: Disc) -> GreyImage:
@@ -121,7 +145,7 @@ def _around(grey: GreyImage, disc: Disc) -> GreyImage:
 
 def _heap_on(
     photo: Image, base: Line, beads_across: float | None, focal_length: float, flank: Flank | None
-) -> Silhouette | None:
+) -> Silhouette:
     """The heap on a stated base line."""
     zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
@@ -143,7 +167,9 @@ def _heap_on(
     circles = _beads(grey) if beads_across is None else None
     radius = half / beads_across if beads_across is not None else circles[0].radius if circles else half / USUAL_BEADS
     found = outline_above(image, view, radius, flank)
-    return None if found is None else replace(found, zoom=zoom, stated=STATED_SIGMA * zoom)
+    if found is None:
+        raise NothingToMeasure(_no_outline(view, zoom))
+    return replace(found, zoom=zoom, stated=STATED_SIGMA * zoom)
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
@@ -218,10 +244,18 @@ def _view_of_feet(beads: Beads, roll: float | None) -> View:
     return View((float(middle[0]), float(middle[1] + beads.radius)), turn, 0.0, 0.0, float("inf"))
 
 
-def _looks_like_a_heap(found: Silhouette) -> bool:
-    """Whether the matter fills the outline, the background differs, and the proportions are those of a heap."""
+def _unlike_a_heap(found: Silhouette) -> str:
+    """How proportions, matter or background are not those of a heap; empty if they are."""
     height, width = float(np.nanmax(found.height)), float(np.sum(np.isfinite(found.height)))
     bead = 2 * found.bead_radius
     if height < 1.2 * bead or width < 5 * bead or height > 0.75 * width:
-        return False
-    return found.covered > LEAST_MATTER and found.alike_behind < MOST_ALIKE
+        return (
+            f"what was found is {height / bead:.1f} beads high and {width / bead:.1f} wide, and a heap is higher than "
+            "1.2, wider than 5 and lower than 0.75 of its width"
+        )
+    if found.covered <= LEAST_MATTER:
+        return f"below the outline the mean likelihood of beads is {found.covered:.2f}, {LEAST_MATTER} is needed"
+    if found.alike_behind >= MOST_ALIKE:
+        found_above = f"{found.alike_behind:.2f}"
+        return f"above the outline the mean likelihood of beads is {found_above}, less than {MOST_ALIKE} is needed"
+    return ""

@@ -23,6 +23,7 @@ from rigtwin.measure.tilt.onset import (
     Way,
     find_onset,
     find_run,
+    least_run,
 )
 
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
@@ -123,15 +124,15 @@ def way_down(
         raise BadInput("measure tilt: the record holds no track of the body; give one beside the angle.")
     if any(len(track.time) == 0 for track in tracks):
         raise NothingToMeasure(
-            "measure tilt: the body is seen in no frame together with the plate's angle; is this a clip of a tilting "
-            "plate, with the body in view?"
+            "measure tilt: the body is seen in no frame together with the plate's angle; state where it rests with "
+            "--bead-at frame:x,y, or give a record that shows both."
         )
     turned = np.radians(angle.value) if angle.unit == "deg" else np.asarray(angle.value)
     known = np.isfinite(turned) & np.isfinite(angle.time)
     if known.sum() < 8:
         raise NothingToMeasure(
-            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames; is this a clip of a tilting "
-            "plate, seen from the side, with enough light?"
+            f"measure tilt: the plate's angle is known in only {int(known.sum())} frames, 8 are needed; film the plate "
+            "from the side, with enough light, or state it with --plate x1,y1,x2,y2."
         )
     time = tracks[0].time
     ways, sigmas = [], []
@@ -145,7 +146,7 @@ def way_down(
     seen = np.isfinite(alpha) & np.all(np.isfinite(ways), axis=0)
     if seen.sum() < 8:
         raise NothingToMeasure(
-            f"measure tilt: body and angle are known together in only {int(seen.sum())} frames; "
+            f"measure tilt: body and angle are known together in only {int(seen.sum())} frames, 8 are needed; "
             "give records that overlap in time."
         )
     return Way(
@@ -164,25 +165,29 @@ def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
     run = find_run(way)
     if run is None:
         first, last = (math.degrees(angle) for angle in (way.angle[0], way.angle[-1]))
+        share = float(np.ptp(way.down)) / least_run(way)
+        stays = (
+            f"{whose}: in {len(way.time)} frames from {way.time[0]:.3f} to {way.time[-1]:.3f} s, while the plate turns "
+            f"from {first:.1f} to {last:.1f} degrees, no run of the body down the plate was found (it moves along it "
+            f"by {share:.2f} times the least way of a run)"
+        )
         if abs(last - first) < math.degrees(LEAST_TURN):
             raise NothingToMeasure(
-                f"{whose}: the object that is taken for the body is seen only while the plate stands at {first:.1f} "
-                "degrees, and it stays where it is; is this a complete and sharp clip of a tilting plate?"
+                f"{stays}; if another object was followed, state the body with --bead-at frame:x,y, or give a sharp "
+                "clip of the whole tilt."
             )
-        rises = last > first
-        advice = "film on until it has run down the plate." if rises else "is the clip played backwards?"
-        raise NothingToMeasure(
-            f"{whose}: the body stays where it is while the plate {'rises' if rises else 'sinks'} from {first:.1f} to "
-            f"{last:.1f} degrees; {advice}"
-        )
+        advice = "film on until it has run down the plate" if last > first else "check whether the clip plays backwards"
+        raise NothingToMeasure(f"{stays}; {advice}, or state the body with --bead-at frame:x,y.")
     onset = find_onset(way, run)
     if onset is not None and math.isfinite(way.scale_uncertainty) and abs(onset.gain - 1) > WRONG_SCALE:
         # a wrong scale must not shift the onset: fit it freely
         onset = find_onset(replace(way, scale_uncertainty=math.inf), run)
     if onset is None:
+        end = way.time[run.end]
         raise NothingToMeasure(
-            f"{whose}: the body is already moving, or hardly seen, when it starts down the plate at "
-            f"{way.time[run.start]:.3f} s; let the clip begin at least 0.2 s before and end after the run."
+            f"{whose}: no onset could be fitted to the body's {run.start} positions before it moves down the plate at "
+            f"{way.time[run.start]:.3f} s and its {run.end - run.start} positions until {end:.3f} s; let the clip "
+            "begin at least 0.2 s before and end after the run."
         )
     return run, onset
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import Seen, seeing
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Measurement, doubted
 from rigtwin.lab.records import Series, Track
@@ -18,12 +19,13 @@ from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.measure.media.compression import compression_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.video import Video, open_video
+from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
 from rigtwin.measure.tilt.film_checks import arm_check, level_check, portrait_check, shape_check, view_checks
 from rigtwin.measure.tilt.incline import at_rest, descent_of, evaluate_descent, judged_of_incline
 from rigtwin.measure.tilt.measure_table import measure_table
-from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, by_the_run, gauge_of, record, watch
+from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, body_seen, by_the_run, gauge_of, record, watch
 from rigtwin.measure.tilt.onset import (
     Onset,
     Run,
@@ -34,6 +36,7 @@ from rigtwin.measure.tilt.onset import (
 OVER_COMPRESSED = 0.006  # [bits/pixel], below which the codec drops low-contrast motion in a film with little motion
 
 
+@shows_refusals
 def measure(
     clip: Path,
     camera: Camera,
@@ -110,11 +113,12 @@ def measure(
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         return plate, track, way, *onset_of(way, str(clip))
 
-    plate, track = record(film, gauge)
-    way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
-    if at_rest(way):
-        return _of_plate_at_rest(video, film, gauge, plate, track, way, clip, camera, variant, out, progress)
-    plate, track, way, run, onset = read(film, gauge)
+    with seeing(Seen(frame=video.first, marks=body_seen(film))):
+        plate, track = record(film, gauge)
+        way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
+        if at_rest(way):
+            return _of_plate_at_rest(video, film, gauge, plate, track, way, clip, camera, variant, out, progress)
+        plate, track, way, run, onset = read(film, gauge)
     by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
     if np.any(film.missing != by_turn_alone.missing):
         plate, track, way, run, onset = read(film, gauge)

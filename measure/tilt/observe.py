@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.lab.camera import Camera, Line
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Series, Track
 from rigtwin.measure.geometry.horizon import Level, find_level
@@ -21,7 +21,7 @@ from rigtwin.measure.scene.contrast_stretch import DIMMEST
 from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tilt.body_track import SATURATED, Arrival, RestingBody, Step, find_body, follow, glare
-from rigtwin.measure.tilt.checks import BEGIN_EARLIER, LEAST_REST
+from rigtwin.measure.tilt.checks import LEAST_REST
 from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY
 from rigtwin.measure.tilt.incline import LEAST_FRAMES
 from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
@@ -121,13 +121,16 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
     if (arm is None or not arm.edges) and camera.plate is not None:
         raise NothingToMeasure(
             f"{video.path}: no straight edge is found within {STATED_REACH:g} px of --plate (frames {video.first} to "
-            f"{video.last}); state two points of the plate's surface as it is in the first frame."
+            f"{video.last}); state two points of the plate's surface as it is in the first frame.",
+            Seen(frame=video.first),
         )
     if arm is None or not arm.edges:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}in frames {video.first} to {video.last} no straight edge turns by "
-            f"{math.degrees(LEAST_TURN):.1f} degrees or more, and nothing moves along one that is still; film the "
-            "plate from the side with a still camera, or state its surface with --plate."
+            f"{video.path}: {_poorly_lit(samples)}no straight edge that turns by {math.degrees(LEAST_TURN):.1f} "
+            f"degrees or more was found in {len(samples)} pictures from frame {video.first} to {video.last}, and "
+            "nothing that moves along an edge at rest; film the plate from the side with a still camera, or state its "
+            "surface with --plate x1,y1,x2,y2.",
+            Seen(frame=video.first),
         )
     lowest = arm.pivot[1] + max(edge.row for edge in arm.edges) + 4
     level = find_level(scene.picture, still, lowest, arm.converging)
@@ -139,23 +142,28 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
         x, y = camera.bead_at.at
         raise NothingToMeasure(
             f"{video.path}: what is at --bead-at {camera.bead_at.frame}:{x:g},{y:g} does not leave its place on the "
-            f"plate in frames {video.first} to {video.last}; state the body's centre in a frame in which it rests."
+            f"plate in frames {video.first} to {video.last}; state the body's centre in a frame in which it rests.",
+            _arm_seen(arm, camera.bead_at.frame),
         )
     if body is None and camera.plate is not None:
         raise NothingToMeasure(
             f"{video.path}: nothing is seen that rests on the edge at --plate at first and leaves its place in frames "
-            f"{video.first} to {video.last}; state two points of the plate's surface as it is in the first frame."
+            f"{video.first} to {video.last}; state two points of the plate's surface as it is in the first frame.",
+            _arm_seen(arm, video.first),
         )
     if body is None:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}a plate is found, but no body that rests on its upper side at "
-            "first and has left its position at the end; film on until the body has slid or rolled down, with good "
-            "contrast."
+            f"{video.path}: {_poorly_lit(samples)}{_turns(arm)}, but nothing was found on its upper side that leaves "
+            f"its place for good between two of {len(samples)} pictures; film on until the body has slid or rolled "
+            "down, with good contrast, or state where the body rests with --bead-at frame:x,y.",
+            _arm_seen(arm, video.first),
         )
     if isinstance(body, Arrival):
         raise NothingToMeasure(
-            f"{video.path}: the body that comes down the plate by {video.times[body.frame]:.3f} s is not seen at rest "
-            f"before: it moves in the first pictures already. {BEGIN_EARLIER}"
+            f"{video.path}: a body has come to a place on the plate by {video.times[body.frame]:.3f} s (frame "
+            f"{body.frame}), but no place higher on the plate was found that it left; state where it rests with "
+            f"--bead-at frame:x,y, or let the record begin at least 0.2 s before the body lets go.",
+            _arm_seen(arm, body.frame),
         )
     return _follow(video, scene, arm, level, body, uphill, progress)
 
@@ -182,6 +190,36 @@ def line_of_motion(paths: Sequence[SpotPath]) -> Line | None:
         ends = [tuple(float(value) for value in middle + place * along + below) for place in (way.min(), way.max())]
         best, line = length, (ends[0], ends[1])
     return line  # type: ignore[return-value]
+
+
+def _turns(arm: Arm) -> str:
+    directions = [math.degrees(direction + arm.tilt) for direction in arm.directions.values()]
+    if max(directions) - min(directions) < math.degrees(LEAST_TURN):
+        return f"an edge stands at {directions[0]:.1f} degrees in the picture"
+    return f"an edge turns from {min(directions):.1f} to {max(directions):.1f} degrees in the picture"
+
+
+def _arm_seen(arm: Arm, frame: int) -> Seen:
+    """The edges of the arm that were found, for the picture of a refusal."""
+    nearest = min(arm.directions, key=lambda number: abs(number - frame))
+    cos, sin = math.cos(arm.directions[nearest]), math.sin(arm.directions[nearest])
+    marks = []
+    for edge in arm.edges:
+        ends = [(float(arm.along[column]), edge.row) for column in (edge.start, edge.end)]
+        places = [(arm.pivot[0] + u * cos - v * sin, arm.pivot[1] + u * sin + v * cos) for u, v in ends]
+        marks.append(Mark("", places))
+    return Seen(frame=nearest, marks=(*marks, Mark("axis", [arm.pivot])))
+
+
+def body_seen(film: Film) -> tuple[Mark, ...]:
+    """Arm and track of the body as far as it was followed, for the picture of a refusal."""
+    track = []
+    for direction, step in zip(film.directions, film.steps, strict=True):
+        if step is not None and math.isfinite(direction):
+            u, v = film.body.centre[0] + step.along, film.body.centre[1] + step.across
+            cos, sin = math.cos(direction), math.sin(direction)
+            track.append((film.arm.pivot[0] + u * cos - v * sin, film.arm.pivot[1] + u * sin + v * cos))
+    return (*_arm_seen(film.arm, int(film.frames[0])).marks, Mark("body", track))
 
 
 def _poorly_lit(samples: Mapping[int, FloatImage]) -> str:

@@ -102,7 +102,7 @@ def find_run(way: Way) -> Run | None:
     top = float(np.max(down))
     low = float(np.min(down[: max(3, len(down) // 10)]))
     total = top - low
-    if len(down) < 8 or total < max(12 * noise, LEAST_RUN * way.drift) + FLOOR:
+    if len(down) < 8 or total < least_run(way):
         return None
     end = int(np.argmax(down > top - 0.03 * total - noise))
     # last point at which the body was still near its rest position
@@ -110,6 +110,11 @@ def find_run(way: Way) -> Run | None:
     before = np.flatnonzero(down[: end + 1] < level)
     start = int(before[-1]) + 1 if len(before) else 0
     return Run(start, end, total) if end - start >= 2 else None
+
+
+def least_run(way: Way) -> float:
+    """Least displacement down the plate that counts as a run [m]."""
+    return max(12 * jitter(way.down), LEAST_RUN * way.drift) + FLOOR
 
 
 def find_onset(way: Way, run: Run) -> Onset | None:

@@ -12,7 +12,7 @@ SIZE, HIT = 20.0, 60  # [px], frame number
 
 
 class Clip:
-    path, times = "clip.mp4", np.arange(200) / 240
+    path, first, last, times = "clip.mp4", 0, 199, np.arange(200) / 240
 
 
 def pieces(frames, across, lengths):
@@ -42,5 +42,5 @@ def test_the_collision_is_found_from_short_pieces_of_paths(before, after):
 
 def test_the_broken_path_of_one_bead_is_no_collision():
     fall, came, rise, went = swings(leap=0.0)
-    with pytest.raises(NothingToMeasure, match="no bead is seen to hit"):
+    with pytest.raises(NothingToMeasure, match="moving objects were followed"):
         find_collision([*pieces(fall, came, (34, 6)), *pieces(rise, went, (6, 8, 10, 14))], Clip(), in_pieces=True)

@@ -115,7 +115,7 @@ def test_the_restitution_of_a_simulated_swing_is_found_without_damping_and_drag(
 )
 def test_a_swing_below_the_noise_is_refused(release, noise, duration, seed):
     tracks = tracks_of(Truth(release=math.radians(release)), frame_rate=120, duration=duration, noise=noise, seed=seed)
-    with pytest.raises(NothingToMeasure, match="pull of gravity"):
+    with pytest.raises(NothingToMeasure, match="no gravity or no length"):
         fit_swings(tuple(tracks))
 
 
@@ -347,10 +347,10 @@ def test_a_record_without_the_bead_at_rest_is_doubtful_and_less_certain():
 
 def test_a_record_without_collision_or_second_bead_is_refused():
     still, moving = tracks_of(Truth())[::-1]
-    with pytest.raises(NothingToMeasure, match="Only one bead"):
+    with pytest.raises(NothingToMeasure, match="the record holds one track"):
         evaluate([moving])
     before = [Track(t.time[:60], t.position[:60], t.sigma[:60], t.body) for t in (moving, still)]
-    with pytest.raises(NothingToMeasure, match="no collision"):
+    with pytest.raises(NothingToMeasure, match=r"bead B does not clearly leave its first position from 0\.\d+ to"):
         evaluate(before)
     with pytest.raises(BadInput, match="name the released bead A"):
         evaluate([Track(t.time, t.position, t.sigma, name) for t, name in ((moving, "1"), (still, "2"))])
@@ -361,7 +361,7 @@ def test_a_bead_that_is_lost_at_the_collision_is_named_in_the_error():
     hit = int(np.argmax(b.position[:, 0] > b.position[0, 0] + 0.001))
     lost = Track(a.time[:hit], a.position[:hit], a.sigma[:hit], "A")
     with pytest.raises(
-        NothingToMeasure, match=r"Bead A is not seen after the collision at 0\.2\d+ s, though the record"
+        NothingToMeasure, match=r"bead A has fewer than 3 positions after the collision at 0\.2\d+ s, though the record"
     ):
         evaluate([lost, b])
 
@@ -530,7 +530,7 @@ def test_a_mirrored_clip_whose_scale_is_from_the_bead_gives_the_same_restitution
 
 def test_a_clip_that_ends_before_the_collision_is_refused(drawn):
     _, path = drawn
-    with pytest.raises(NothingToMeasure, match=r"hit a second one|no collision|nothing like a bead"):
+    with pytest.raises(NothingToMeasure, match=r"moving objects were followed \(frames 0 to 50\)"):
         measure(path, Camera(frame_rate=240, end=Moment(50, "frame")))
 
 
@@ -571,7 +571,7 @@ def test_a_film_of_a_bead_against_a_wall_gives_the_restitution_of_each_hit(again
 
 
 def test_two_beads_are_refused_as_a_wall_pendulum(drawn):
-    with pytest.raises(NothingToMeasure, match="bounce back from a wall"):
+    with pytest.raises(NothingToMeasure, match="no path goes back where and when another one ends"):
         measure(drawn[1], Camera(frame_rate=240), variant="wall")
 
 

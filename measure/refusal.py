@@ -1,0 +1,173 @@
+"""The picture that a refused measurement leaves: the frame or photo with what was found in it.
+
+Every measurement of a film or photo that ends with `NothingToMeasure` writes ``NAME-seen.png`` into its folder: stated
+places, what changes over a film, and the marks that the refusal carries (`rigtwin.lab.errors.Seen`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from functools import wraps
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import cv2
+import numpy as np
+
+from rigtwin.lab.arrays import Image, Mask
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, RigtwinError, Seen, UnreadableMedia
+from rigtwin.lab.tracked.table import is_table
+from rigtwin.measure.drawing import (
+    ORANGE,
+    SKY,
+    YELLOW,
+    Colour,
+    draw_circle,
+    draw_cross,
+    draw_path,
+    draw_text,
+    line_width,
+    save_picture,
+    with_strip_below,
+)
+from rigtwin.measure.media.photo import read_photo
+from rigtwin.measure.media.video import open_video
+from rigtwin.measure.robust import mad_std
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+SMALLEST, LARGEST = 700, 1600  # [px], longest side of the picture: text is legible, details of a photo are kept
+LOOKED_AT = 12  # frames of a film in which changes are searched
+LEAST_CHANGE = 12.0  # [grey levels], between two frames; codecs change still regions by less
+ABOVE_NOISE = 6.0  # of the noise between frames; the largest of a dozen noisy values reaches 4
+
+
+def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
+    """Let a refused measurement leave a picture of what was seen, and name it at the end of the message.
+
+    Parameters
+    ----------
+    measure : callable
+        Function whose first two arguments are the medium (or photos) and the camera; its keyword `out` is the folder.
+
+    Returns
+    -------
+    callable
+        The same function. Without a folder, or for a medium that cannot be decoded, the message stays as it is. A
+        measurement that succeeds removes the picture of an earlier refusal.
+    """
+
+    @wraps(measure)
+    def shown(*args: P.args, **kwargs: P.kwargs) -> T:
+        given, camera, out = args[0], args[1], kwargs.get("out")
+        media = [each for each in (given if isinstance(given, Sequence) else [given]) if isinstance(each, Path)]
+        try:
+            found = measure(*args, **kwargs)
+        except BadInput as error:
+            if (
+                isinstance(out, Path)
+                and isinstance(camera, Camera)
+                and (isinstance(error, NothingToMeasure) or error.seen is not None)
+            ):
+                seen = error.seen or Seen()
+                medium = seen.medium or (media[0] if len(media) == 1 else None)
+                if medium is not None:
+                    error.picture = _write(out, medium, camera, seen, error.message)
+            raise
+        if isinstance(out, Path):
+            for medium in media:
+                picture_of(medium, out).unlink(missing_ok=True)
+        return found
+
+    return shown
+
+
+def picture_of(medium: Path, out: Path) -> Path:
+    """Where the picture of a refusal is written."""
+    return out / f"{medium.stem}-seen.png"
+
+
+def _write(out: Path, medium: Path, camera: Camera, seen: Seen, why: str) -> Path | None:
+    """Write the picture; None if the medium shows none."""
+    if is_table(medium):
+        return None
+    with suppress(RigtwinError):  # a damaged film: the refusal itself matters more
+        try:
+            picture, when, changed = _of_film(medium, camera, seen.frame)
+        except UnreadableMedia:  # a photo
+            picture, when, changed = read_photo(medium, camera)[0], "", None
+        reason = why.removeprefix(f"{medium}: ").rstrip(".")
+        path = picture_of(medium, out)
+        save_picture(path, _drawn(picture, changed, camera, seen.marks, [f"not measured: {reason}", when]))
+        return path
+    return None
+
+
+def _of_film(clip: Path, camera: Camera, frame: int | None) -> tuple[Image, str, Mask | None]:
+    """One frame of a film, when it was taken, and where the film changes."""
+    video = open_video(clip, camera)
+    chosen = (video.first + video.last) // 2 if frame is None else min(max(frame, video.first), video.last)
+    spread = video.spread(LOOKED_AT)
+    frames = video.single(spread | {chosen})
+    # of a picture that repeats the one before only that one may be there
+    shown = min(frames, key=lambda each: abs(each.index - chosen))
+    stack = np.stack([cv2.GaussianBlur(each.grey, (0, 0), 1.0) for each in frames]).astype(np.float32)
+    change = np.ptp(stack, axis=0)
+    noise = mad_std((stack[1] - stack[0]).ravel())
+    changed = np.asarray(change > max(LEAST_CHANGE, ABOVE_NOISE * noise))
+    when = (
+        f"frame {shown.index}, {shown.time:.4f} s; outlined in blue: what differs between {len(frames)} frames "
+        f"from {frames[0].index} to {frames[-1].index}"
+    )
+    return shown.colour, when, changed
+
+
+def _drawn(picture: Image, changed: Mask | None, camera: Camera, marks: Sequence[Mark], lines: Sequence[str]) -> Image:
+    longest = max(picture.shape[:2])
+    zoom = min(max(1.0, SMALLEST / longest), LARGEST / longest)
+    way = cv2.INTER_AREA if zoom < 1 else cv2.INTER_CUBIC
+    drawn = np.array(cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=way), dtype=np.uint8)
+    if changed is not None:
+        wide = cv2.resize(changed.astype(np.uint8), drawn.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        edges, _ = cv2.findContours(wide, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(drawn, edges, -1, SKY, line_width(drawn))
+    for mark in _stated(camera):
+        _draw(drawn, mark, zoom, YELLOW)
+    for mark in marks:
+        _draw(drawn, mark, zoom, ORANGE)
+    return with_strip_below(drawn, [line for line in lines if line])
+
+
+def _draw(picture: Image, mark: Mark, zoom: float, colour: Colour) -> None:
+    # the centre of the top-left pixel is 0, 0 in both pictures
+    points = [((x + 0.5) * zoom - 0.5, (y + 0.5) * zoom - 0.5) for x, y in mark.points]
+    if not points:
+        return
+    if len(points) > 1:
+        draw_path(picture, points, colour)
+    elif mark.radius > 0:
+        draw_circle(picture, points[0], mark.radius * zoom, colour)
+    else:
+        draw_cross(picture, points[0], 8.0, colour)
+    x, y = min(points, key=lambda point: point[1])
+    draw_text(picture, mark.label, (x + 4, y - mark.radius * zoom - 4), colour)
+
+
+def _stated(camera: Camera) -> Iterator[Mark]:
+    """Everything that the user stated in the picture."""
+    boxes = [("--ignore", box) for box in camera.ignore] + ([("--region", camera.region)] if camera.region else [])
+    for option, (x, y, width, height) in boxes:
+        yield Mark(option, [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)])
+    lines = {"--plate": camera.plate, "--base": camera.base, "--cylinder": camera.cylinder, "--slot": camera.slot}
+    for option, ends in lines.items():
+        if ends is not None:
+            yield Mark(option, ends)
+    if camera.floor is not None:
+        yield Mark("--floor", [(0.0, camera.floor), (1e5, camera.floor)])
+    if camera.circle is not None:
+        yield Mark("--circle", [camera.circle[:2]], camera.circle[2])
+    if camera.bead_at is not None:
+        yield Mark(f"--bead-at, frame {camera.bead_at.frame}", [camera.bead_at.at])
