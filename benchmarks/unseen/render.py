@@ -41,7 +41,8 @@ def camera(rig: rigs.Rig, rng: np.random.Generator) -> tuple[dict[str, Any], np.
     if rng.random() < 0.6:
         blur = float(distance * np.exp(rng.uniform(np.log(0.001), np.log(0.012))))
         lens = {"type": "thinlens", "aperture_radius": blur, "focus_distance": float(distance - rng.uniform(0.2, 0.9))}
-    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "gaussian"}}
+    # the denoiser takes noise that is correlated between pixels for texture: no wider filter than a pixel
+    film = {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "box"}}
     sampler = {"type": "independent", "sample_count": 16}
     sensor = {**lens, "fov": float(view), "to_world": place, "film": film, "sampler": sampler}
     axes = np.array(place.matrix)[:3, :3]  # columns: left, up, forward
