@@ -96,7 +96,8 @@ def targets(kind: str, truth: JsonObject) -> Iterator[Target]:
     elif kind == "pendulum":
         yield Target("restitution", "restitution", "", {}, truth["e"], 0.01, "1")
     elif kind == "drum":
-        yield Target("dynamic angle", "dynamic_angle", "", {}, truth["dynamic_aor_deg"], 1.0, "deg")
+        middle = "line, middle half"
+        yield Target("dynamic angle", "angle_of_repose_graphical", middle, {}, truth["dynamic_aor_deg"], 1.0, "deg")
     elif kind == "hopper":
         duration = truth["discharge_time_s"]
         yield Target("discharge time", "discharge_time", "", {}, duration, 0.02 * duration, "s")
