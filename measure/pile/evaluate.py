@@ -157,7 +157,8 @@ def _angles(
     for method, window in ((LINE, repose_angles.WINDOW), (NARROWER, (0.2, 0.8))):
         lines = {side: repose_angles.flank_line(heap, side, window) for side in flanks}
         sides = {side: line.angle for side, line in lines.items() if line is not None}
-        if len(sides) == 2:
+        # with a flank that is none of a heap, "mean" would be a number without a meaning
+        if len(sides) == 2 and all(0 < angle <= repose_angles.STEEPEST_FLANK for angle in sides.values()):
             sides["mean"] = (sides["left"] + sides["right"]) / 2
         angles.update({(GRAPHICAL, method, side): angle for side, angle in sides.items()})
     for side in flanks:
