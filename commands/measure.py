@@ -210,7 +210,7 @@ def measure_drum(
 
 @app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
 @measured("hopper")
-@filmed(*FILM)
+@filmed(*FILM, "slot")
 @tracked
 def measure_hopper(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the emptying hopper, or a table over time.")],

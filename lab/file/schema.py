@@ -286,7 +286,7 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "floor": ("packing",),
     "circle": ("drum",),
     "averaged": ("drum",),
-    "slot": (),
+    "slot": ("hopper",),
 }
 """Rigs of which something that is else found in the picture may be stated."""
 

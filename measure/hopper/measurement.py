@@ -115,7 +115,7 @@ def measure(
         return _measure_table(clip, camera, table, total_mass, out)
     video = at_its_pace(open_video(clip, camera), progress)
     bead = bead_diameter / camera.given_scale if bead_diameter and camera.given_scale else None
-    seen = follow_outflow(video, roll=camera.roll, region=camera.region, bead=bead, progress=progress)
+    seen = follow_outflow(video, camera, bead=bead, progress=progress)
     edges = edges_of_slot(seen)
     gate = slide_opening(seen, edges)
     opened = opening_instant(seen, gate)
@@ -144,7 +144,7 @@ def measure(
         "slot_width_px": (edges[1] - edges[0]) / seen.lens.zoom,
         "slide_goes": {1: "right", -1: "left", 0: "unknown"}[gate.direction if gate is not None else 0],
         "frames": len(seen.moments),
-    }
+    } | camera.stated_view
     velocity = outlet_velocity(seen, scale, scale_uncertainty, bin_width)
     quantities = evaluation.quantities
     size: Check | str = ""

@@ -56,6 +56,8 @@ def covered_frames(seen: Outflow) -> npt.NDArray[np.bool_]:
 def edges_of_slot(seen: Outflow) -> tuple[float, float]:
     """Left and right edge of the slot [px] in the upright picture."""
     slot = seen.scenery.slot
+    if slot.stated:
+        return slot.left, slot.right
     return slot_edges(beads_in_slot(seen), slot.left, slot.right)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image, Mask
+from rigtwin.lab.camera import STATED_SIGMA, Camera, Line
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress
 from rigtwin.measure.bulk.beads import colour_cells, find_beads, rare, shares
@@ -27,7 +28,7 @@ from rigtwin.measure.media.video import Video
 from rigtwin.measure.scene.background import middle_picture
 from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
-from rigtwin.measure.scene.steadied_frames import Cut, Region, Steadied, apart, cut_for, steadied, still_scene
+from rigtwin.measure.scene.steadied_frames import Cut, Steadied, apart, cut_for, steadied, still_scene
 
 ENDS = 5  # frames at either end of the clip that show the full and the empty hopper
 BEAD_SHARE = 0.06  # bead diameter over the bed's width, if no bead is found
@@ -57,6 +58,7 @@ class Slot:
     left: float
     right: float
     sigma: float = 1.0  # standard uncertainty of the row
+    stated: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,20 +110,19 @@ class Outflow:
     stream: Stream  # of the beads below the slot, in the upright cut
 
 
-def follow_outflow(
-    video: Video, *, roll: float | None, region: Region | None, bead: float | None, progress: Progress
-) -> Outflow:
+def follow_outflow(video: Video, camera: Camera, *, bead: float | None, progress: Progress) -> Outflow:
     """Observe a discharge; `bead` is the bead's diameter [px] if scale and bead are known.
 
     Raises `NothingToMeasure` if no bed empties downwards between the first and the last frame.
     """
-    lens = cut_for(video.width, video.height, region)
+    lens = cut_for(video.width, video.height, camera.region)
     scene = still_scene(video, lens)
-    turned = upright(scene.picture, given=roll)
+    turned = upright(scene.picture, given=camera.roll)
     height, width = scene.picture.shape
     about = (width / 2, height / 2)
     turn = np.asarray(cv2.getRotationMatrix2D(about, -math.degrees(turned.roll), 1.0), dtype=np.float64)
-    scenery = _scenery(video, scene, lens, turn, None if bead is None else bead * lens.zoom)
+    stated = None if camera.slot is None else _stated_slot(camera.slot, lens, turn)
+    scenery = _scenery(video, scene, lens, turn, None if bead is None else bead * lens.zoom, stated)
     moments, strips, masked = [], [], []
     before: Image | None = None
     there = [index for index in range(video.first, video.last + 1) if index not in video.skipped]
@@ -147,6 +148,12 @@ def follow_outflow(
                 outlet.add(_grey(before), _grey(frame.colour))
         before = frame.colour
         progress("watching the hopper empty", len(moments), count)
+    if stated is not None and all(math.isnan(moment.lowest) for moment in moments):
+        raise NothingToMeasure(
+            f"{video.path}: no bead is seen below --slot in frames {video.first} to {video.last}; state the two lower "
+            "edges of the outlet, where the beads leave it.",
+            Seen(frame=(video.first + video.last) // 2, marks=(Mark("slot", _ends_of(scenery.slot, lens)),)),
+        )
     return Outflow(
         tuple(moments),
         np.stack(strips),
@@ -159,6 +166,14 @@ def follow_outflow(
         without_outliers(outlet.displacements()),
         stream,
     )
+
+
+def _stated_slot(slot: Line, lens: Cut, turn: Array) -> Slot:
+    """The slot that the user states, in the upright picture."""
+    ends = lens.of_clip(np.array(slot, dtype=np.float64))
+    back = cv2.invertAffineTransform(turn)
+    (x1, y1), (x2, y2) = (ends @ back[:, :2].T + back[:, 2]).tolist()
+    return Slot((y1 + y2) / 2, min(x1, x2), max(x1, x2), STATED_SIGMA * lens.zoom, stated=True)
 
 
 def _windows(scenery: Scenery) -> MeanCorrelation:
@@ -272,7 +287,9 @@ def _turned(picture: npt.NDArray[Any], turn: Array) -> npt.NDArray[Any]:
     return np.asarray(turned, dtype=picture.dtype)
 
 
-def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | None) -> Scenery:
+def _scenery(
+    video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | None, stated: Slot | None = None
+) -> Scenery:
     firsts: list[Image] = []
     lasts: list[Image] = []
     for frame in _upright_frames(video, scene, lens, turn):
@@ -294,7 +311,9 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     beads = find_beads(*_searched(full, bed)) if bead is None else None
     width = float(np.ptp(np.nonzero(bed)[1]))
     seen = bead or (2 * beads.radius if beads is not None else BEAD_SHARE * width)
-    slot = _slot(bed, seen)
+    slot = _slot(bed, seen) if stated is None else _usable(stated, bed, seen, video, lens)
+    if stated is not None:
+        bed[round(slot.row) :] = False
     cells_full, cells_empty = colour_cells(full, 0.5 * seen), colour_cells(empty, 0.5 * seen)
     core = cv2.erode(bed.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
     below = np.zeros_like(bed)
@@ -302,10 +321,12 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
     here, there = shares(cells_full[core]), shares(cells_empty[bed | below])
     little = rare(here, cells_full[core])
     odds = np.clip(np.log((here + little) / (there + little)), -3, 3)
-    slot = _above_slide(np.asarray(odds)[cells_full], bed & (odds[cells_full] > 0.7), slot, seen)
+    if stated is None:
+        slot = _above_slide(np.asarray(odds)[cells_full], bed & (odds[cells_full] > 0.7), slot, seen)
     if slot.row + seen > full.shape[0]:
         raise NothingToMeasure(
-            f"{video.path}: the slot was found at y = {_ends_of(slot, lens)[0][1]:.0f} px, less than a bead diameter "
+            f"{video.path}: the slot {'stated' if slot.stated else 'found'} lies at y = "
+            f"{_ends_of(slot, lens)[0][1]:.0f} px, less than a bead diameter "
             f"({seen / lens.zoom:.0f} px) above the lower edge of what is looked at; show about five bead diameters "
             "below it as well, or give a larger --region.",
             Seen(frame=video.first, marks=(Mark("slot", _ends_of(slot, lens)),)),
@@ -324,6 +345,25 @@ def _scenery(video: Video, scene: Scene, lens: Cut, turn: Array, bead: float | N
         bead is not None or beads is not None,
         contrast,
     )
+
+
+def _usable(slot: Slot, bed: Mask, bead: float, video: Video, lens: Cut) -> Slot:
+    """The stated slot; refused where it is narrower than a bead, or nothing that empties lies above it."""
+    marks = Seen(frame=video.first, marks=(Mark("slot", _ends_of(slot, lens)),))
+    if slot.right - slot.left < bead:
+        raise NothingToMeasure(
+            f"{video.path}: --slot is {(slot.right - slot.left) / lens.zoom:.0f} px wide, less than a bead "
+            f"({bead / lens.zoom:.0f} px); state the two edges of the outlet.",
+            marks,
+        )
+    left, right = max(round(slot.left - bead), 0), round(slot.right + bead)
+    if not bed[: max(round(slot.row), 0), left:right].any():
+        raise NothingToMeasure(
+            f"{video.path}: nothing that is there in the first {ENDS} frames and gone in the last {ENDS} "
+            f"({video.first} to {video.last}) lies above --slot; state the two edges of the outlet below the bed.",
+            marks,
+        )
+    return slot
 
 
 def _ends_of(slot: Slot, lens: Cut) -> list[tuple[float, float]]:

@@ -365,6 +365,30 @@ def test_a_filmed_discharge_gives_both_ends_within_a_frame(tmp_path: Path) -> No
     assert not any(one.doubtful for one in found.quantities)
 
 
+def test_a_slot_can_be_stated_and_is_used_as_stated(tmp_path: Path) -> None:
+    last = film(tmp_path / "hopper.mp4", roll=3.0)
+    turn = cv2.getRotationMatrix2D((SIZE[0] / 2, SIZE[1] / 2), -3.0, 1.0)
+
+    def at(row: float) -> Camera:
+        ends = np.array([[SLOT_LEFT, row, 1.0], [SLOT_RIGHT, row, 1.0]]) @ turn.T
+        slot = (tuple(ends[0].tolist()), tuple(ends[1].tolist()))
+        return Camera(frame_rate=RATE, roll=math.radians(3.0), slot=slot)
+
+    def measured(row: float) -> Measurement:
+        return hopper.measure(tmp_path / "hopper.mp4", at(row), bead_diameter=DIAMETER)
+
+    right, below = measured(SLOT_ROW), measured(SLOT_ROW + 30)
+    assert find(right, "last_particle_time").value * RATE == pytest.approx(last, abs=0.5)
+    assert find(right, "opening_time").value * RATE == pytest.approx(OPENED, abs=0.7)
+    assert right.camera["slot_width_px"] == pytest.approx(SLOT_RIGHT - SLOT_LEFT, abs=0.5)
+    assert right.camera["stated"] == ["slot"]
+    # the last bead falls 30 px more, at 12 px a frame or so
+    later = (find(below, "last_particle_time").value - find(right, "last_particle_time").value) * RATE
+    assert 1.5 < later < 6.0
+    with pytest.raises(NothingToMeasure, match="lies above --slot"):
+        measured(3)
+
+
 @pytest.mark.parametrize(
     ("roll", "stated", "passed", "doubtful"),
     [
@@ -540,7 +564,7 @@ def test_lost_frames_make_the_beads_no_faster_at_the_outlet(tmp_path: Path) -> N
     for name, lost in (("whole.mp4", frozenset[int]()), ("lost.mp4", frozenset(range(14, 70, 3)))):
         film(tmp_path / name, lost=lost)
         video = open_video(tmp_path / name, Camera(frame_rate=RATE))
-        seen = follow_outflow(video, roll=0.0, region=None, bead=2 * BEAD, progress=silent)
+        seen = follow_outflow(video, Camera(roll=0.0), bead=2 * BEAD, progress=silent)
         speeds.append(float(np.nanmean(outlet_profile(seen, 1.0)[1])))
     assert speeds[1] == pytest.approx(speeds[0], rel=0.1)
 
