@@ -912,7 +912,7 @@ def test_a_picture_that_ends_at_the_slot_is_refused_in_a_sentence(tmp_path: Path
                 cut.mux(packet)
         for packet in stream.encode():
             cut.mux(packet)
-    with pytest.raises(NothingToMeasure, match=r"the slot was found at y = \d+ px, less than a bead diameter"):
+    with pytest.raises(NothingToMeasure, match=r"the slot found lies at y = \d+ px, less than a bead diameter"):
         hopper.measure(tmp_path / "cut.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER)
 
 
