@@ -55,7 +55,7 @@ def measure_drop(
     epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
 )
 @measured("pendulum")
-@filmed(*FILM)
+@filmed(*FILM, "pivot")
 @tracked
 def measure_pendulum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum, or a table of its tracks.")],

@@ -279,7 +279,7 @@ _OF_CAMERA = [field.name for field in fields(camera.Camera)]
 _ONLY_OF: dict[str, tuple[str, ...]] = {
     "bead_at": ("drop", "tilt"),
     "plate": ("tilt",),
-    "pivot": (),
+    "pivot": ("pendulum",),
     "base": ("pile",),
     "flank": ("pile",),
     "cylinder": ("packing",),

@@ -10,7 +10,7 @@ import numpy as np
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.pendulum.swing_fit import Outcome, SwingFit, frame_interval
-from rigtwin.measure.pendulum.swing_model import turning_points
+from rigtwin.measure.pendulum.swing_model import pivots, turning_points
 from rigtwin.measure.robust import mad_std
 from rigtwin.measure.scene.checks import bead_in_view, static_camera
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 MOST_MISFIT = 1.4  # largest residual over the frame-to-frame noise
 LEAST_MISFIT = 5e-4  # residual over the pendulum's length that always passes: background texture shifts a bead by less
+MOST_OFF = 4.0  # standard uncertainties of a stated pivot by which that of the swings may lie beside it
 LEAST_NOISE = 2e-5  # lower limit of the noise over the pendulum's length: below it an exact record shows its rounding
 
 
@@ -139,6 +140,23 @@ def lens_check(fit: SwingFit) -> Check:
     )
     meaning = ": photograph a board in the plane of the swing and give --board, or film from further away"
     return Check("lens", not fit.bent, lens, 0.0, message + (meaning if fit.bent else ""))
+
+
+def pivot_checks(fit: SwingFit) -> tuple[Check, ...]:
+    """Whether the stated pivots lie where the swings of the beads have theirs; none if none is stated.
+
+    `fit` is in pixels.
+    """
+    found = pivots(fit.swings)[:, 0, 0]
+    checks = []
+    for bead, place in zip("AB", fit.stated.places, strict=False):
+        at = found["AB".index(bead)]
+        off = float(np.hypot(*(at - np.array(place))))
+        passed = off < MOST_OFF * fit.stated.sigma
+        message = f"the pivot of bead {bead} lies {off:.1f} px from where it was stated"
+        ending = "." if passed else f", at {at[0]:.0f},{-at[1]:.0f} by its swing: correct --pivot or leave it out."
+        checks.append(Check("stated_pivot", passed, off, 0.0, message + ending))
+    return tuple(checks)
 
 
 def timing_check(video: Video, losses: Sequence[Loss] = ()) -> Check:

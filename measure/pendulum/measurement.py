@@ -23,6 +23,7 @@ from rigtwin.measure.media.duplicate_frames import without_repeats
 from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.pendulum.checks import (
     lens_check,
+    pivot_checks,
     timing_check,
     view_checks,
 )
@@ -125,9 +126,9 @@ def measure(
     film = (watch_wall if variant == "wall" else watch)(video, camera, length, progress)
     scale, scale_from = scale_of(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
-    tracks, axis = upright(film, camera_axis(video), scale, roll)
+    tracks, axis, stated = upright(film, camera_axis(video), scale, roll)
     with seeing(tracks_seen(film.beads)):
-        fit = fit_clip(clip, tracks, axis=axis, ground=GROUND)
+        fit = fit_clip(clip, tracks, axis=axis, ground=GROUND, stated=stated)
     evaluation = judge(
         fit,
         None if scale_from == "pendulum length" else length,
@@ -135,12 +136,18 @@ def measure(
         bead_mass,
         shading=SHADING * scale * max(look.radius for look in film.beads.looks),
     )
-    timing, lens = timing_check(video, film.losses), lens_check(fit)
+    timing, lens, hinges = timing_check(video, film.losses), lens_check(fit), pivot_checks(film.fit)
     views = view_checks(film.beads, evaluation.checks)
     # gravity is no check if the scale is from gravity
     by_gravity = scale_from == "gravity"
-    checks = (*(each for each in evaluation.checks if each.check != "gravity" or not by_gravity), timing, lens, *views)
-    spoilt = "; ".join(filter(None, [video.spoilt, failed((timing, lens, *views))]))
+    checks = (
+        *(each for each in evaluation.checks if each.check != "gravity" or not by_gravity),
+        timing,
+        lens,
+        *hinges,
+        *views,
+    )
+    spoilt = "; ".join(filter(None, [video.spoilt, failed((timing, lens, *hinges, *views))]))
     quantities = tuple(doubted(quantity, spoilt) for quantity in evaluation.quantities)
     seen = {
         "frame_rate_hz": video.frame_rate,
@@ -148,7 +155,7 @@ def measure(
         "scale_m_per_px": scale,
         "scale_from": scale_from,
         "camera_roll_deg": math.degrees(roll),
-    }
+    } | camera.stated_view
     return Measurement(
         rig="pendulum",
         source=clip,

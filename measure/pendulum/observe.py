@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Mask
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import STATED_SIGMA, Camera
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen, seeing
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Track
@@ -18,7 +18,7 @@ from rigtwin.measure.media.frame_loss import Loss, in_time
 from rigtwin.measure.media.video import Video
 from rigtwin.measure.pendulum.evaluate import outcomes_of
 from rigtwin.measure.pendulum.lost_frames import find_losses
-from rigtwin.measure.pendulum.swing_fit import SwingFit, fit_swings
+from rigtwin.measure.pendulum.swing_fit import NO_PIVOTS, StatedPivots, SwingFit, fit_swings
 from rigtwin.measure.pendulum.swing_model import angles, centres, positions
 from rigtwin.measure.pendulum.track_one_bead import find_wall_bead, images_by_frame
 from rigtwin.measure.pendulum.track_two_beads import Beads, find_beads, relocate
@@ -46,7 +46,7 @@ class Film:
 def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     """Both beads of a double pendulum in every frame, and their swings; `length` [m] is used in messages only."""
     beads = find_beads(video, camera.region, stated_length=length, progress=progress)
-    times, fit, losses = _swings(video, beads)
+    times, fit, losses = _swings(video, beads, camera)
     places, velocities, again = _second_look(fit, beads, times)
     beads = relocate(video, beads, places, velocities, again)
     return Film(beads, times, fit, losses)
@@ -55,7 +55,7 @@ def watch(video: Video, camera: Camera, length: float | None, progress: Progress
 def watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
     beads = _one_bead(chase, video)
-    times, fit, losses = _swings(video, beads)
+    times, fit, losses = _swings(video, beads, camera)
     places, velocities, again = _second_look(fit, beads, times)
     expected = {
         int(beads.frames[k]): ((float(x), float(y)), (float(u), float(v)))
@@ -64,16 +64,20 @@ def watch_wall(video: Video, camera: Camera, length: float | None, progress: Pro
     }
     beads = _one_bead(look_again(chase, expected), video)
     with seeing(tracks_seen(beads)):
-        fit = fit_clip(video.path, picture_tracks(beads, times), axis=camera_axis(video))
+        tracks = picture_tracks(beads, times)
+        fit = fit_clip(video.path, tracks, axis=camera_axis(video), stated=picture_pivots(camera))
     return Film(beads, times, fit, losses)
 
 
-def _swings(video: Video, beads: Beads) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
+def _swings(video: Video, beads: Beads, camera: Camera) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
     """Times [s] of all frames corrected for lost frames, the swings, and the lost frames."""
     times = video.times[beads.frames]
     with seeing(tracks_seen(beads)):
+        stated = picture_pivots(camera)
         losses, fit = find_losses(
-            times, picture_tracks(beads, times), lambda tracks: fit_clip(video.path, tracks, axis=camera_axis(video))
+            times,
+            picture_tracks(beads, times),
+            lambda tracks: fit_clip(video.path, tracks, axis=camera_axis(video), stated=stated),
         )
     return in_time(times, losses), fit, losses
 
@@ -139,11 +143,21 @@ def camera_axis(video: Video) -> tuple[float, float]:
     return (video.width - 1) / 2, -(video.height - 1) / 2
 
 
+def picture_pivots(camera: Camera) -> StatedPivots:
+    """Stated pivots [px, y up]."""
+    return StatedPivots(tuple((x, -y) for x, y in camera.pivots), STATED_SIGMA)
+
+
 def fit_clip(
-    clip: Path, tracks: tuple[Track, ...], *, axis: tuple[float, float] | None = None, ground: float = 0.0
+    clip: Path,
+    tracks: tuple[Track, ...],
+    *,
+    axis: tuple[float, float] | None = None,
+    ground: float = 0.0,
+    stated: StatedPivots = NO_PIVOTS,
 ) -> SwingFit:
     try:
-        return fit_swings(tracks, axis=axis, ground=ground)
+        return fit_swings(tracks, axis=axis, ground=ground, stated=stated)
     except NothingToMeasure as error:
         raise NothingToMeasure(f"{clip}: {error.message}", error.seen) from None
 
@@ -165,8 +179,8 @@ def scale_of(film: Film, camera: Camera, length: float | None, bead_diameter: fl
 
 def upright(
     film: Film, axis: tuple[float, float], scale: float, roll: float
-) -> tuple[tuple[Track, ...], tuple[float, float]]:
-    """Tracks and principal point in metres from the rest position of the last bead, x to the right, y up."""
+) -> tuple[tuple[Track, ...], tuple[float, float], StatedPivots]:
+    """Tracks, principal point and stated pivots in metres from the rest position of the last bead, y up."""
     swings = film.fit.swings
     rest = centres(swings, np.zeros((swings.beads, 1, 1)))[-1, 0, 0]
     back = np.array([[math.cos(roll), math.sin(roll)], [-math.sin(roll), math.cos(roll)]]) * scale
@@ -175,7 +189,8 @@ def upright(
         for track in picture_tracks(film.beads, film.times)
     )
     x, y = (np.array(axis) - rest) @ back
-    return tracks, (float(x), float(y))
+    hinges = tuple((float(u), float(v)) for u, v in (np.array(film.fit.stated.places).reshape(-1, 2) - rest) @ back)
+    return tracks, (float(x), float(y)), StatedPivots(hinges, film.fit.stated.sigma * scale)
 
 
 def roll_warning(fit: SwingFit, camera: Camera) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.quantity import root_sum_of_squares
 from rigtwin.lab.records import Track
 from rigtwin.measure.geometry.circle import fit_circle
-from rigtwin.measure.pendulum.swing_model import Swings, angles, positions, states_at_collision
+from rigtwin.measure.pendulum.swing_model import Swings, angles, pivots, positions, states_at_collision
 from rigtwin.measure.robust import autocorrelation_factor, mad_std
 
 SETTLED = 0.02  # relative change of the noise below which its iteration has converged
@@ -69,6 +69,22 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class StatedPivots:
+    """Pivots that the user states, in the axes of the tracks: of bead A, then of bead B."""
+
+    places: tuple[tuple[float, float], ...]
+    sigma: float  # standard uncertainty of each coordinate
+
+    def moved(self, origin: Array, unit: float) -> StatedPivots:
+        """The same in axes with this origin, in this unit of length."""
+        places = (np.array(self.places) - origin) / unit
+        return StatedPivots(tuple((float(x), float(y)) for x, y in places), self.sigma / unit)
+
+
+NO_PIVOTS = StatedPivots((), 1.0)
+
+
+@dataclass(frozen=True)
 class SwingFit:
     """`Swings` fitted to tracks."""
 
@@ -80,6 +96,7 @@ class SwingFit:
     covariance: Array  # of the parameter vector
     parts: dict[str, Array]  # parts of the covariance by cause; their sum is the covariance
     bent: bool = False  # whether lens and perspective exceed those of a usual lens and a careful set-up
+    stated: StatedPivots = NO_PIVOTS
 
     def propagate(self, function: Callable[[Swings], dict[str, Array]]) -> dict[str, Outcome]:
         """Propagate the covariance through `function` (values of shape (batch,)): values and uncertainty by cause."""
@@ -99,11 +116,13 @@ def fit_swings(
     axis: tuple[float, float] | None = None,
     ground: float = 0.0,
     most_collisions: int = 3,
+    stated: StatedPivots = NO_PIVOTS,
 ) -> SwingFit:
     """Fit the swing of bead A (``tracks[0]``) into bead B (``tracks[1]``) or, for a single track, into a wall.
 
     `axis` is the principal point in the record's axes, if known: perspective scales lengths about it.  `ground` is the
-    position-dependent shift of a filmed bead's centre by its background, as a share of the noise.
+    position-dependent shift of a filmed bead's centre by its background, as a share of the noise.  `stated` pivots are
+    priors of the fit.
 
     Raises `NothingToMeasure` if there is no release, no collision, or too few points of either.
     """
@@ -118,29 +137,30 @@ def fit_swings(
     first = _first_guess(scaled)
     if axis is not None:
         first = replace(first, axis=((axis[0] - float(origin[0])) / unit, (axis[1] - float(origin[1])) / unit))
-    fit = _fit(first, scaled, ground)
+    hinges = stated.moved(origin, unit) if stated.places else stated
+    fit = _fit(first, scaled, ground, hinges)
     if axis is not None and _bends(fit.swings):
         with suppress(NothingToMeasure):  # then keep the fit with the narrow priors
-            fit = _fit(fit.swings, scaled, ground, bent=True)
+            fit = _fit(fit.swings, scaled, ground, hinges, bent=True)
     while fit.swings.collisions < most_collisions:
         further = _with_next_collision(fit)
         if further is None:
             break
         # if a later collision does not fit (the beads leave the plane, a track is lost), keep the earlier ones
         try:
-            longer = _fit(further, scaled, ground, bent=fit.bent)
+            longer = _fit(further, scaled, ground, hinges, bent=fit.bent)
         except NothingToMeasure:
             break
         if longer.noise > 1.5 * fit.noise:
             break
         fit = longer
-    return _in_record_units(fit, tuple(tracks), origin, unit)
+    return replace(_in_record_units(fit, tuple(tracks), origin, unit), stated=stated)
 
 
 def misses_of(fit: SwingFit, late: float = 0.0) -> Array:
     """Residuals of all used points and of the priors, in units of their noise; points shifted by `late` [s].
 
-    Order: for each bead x of all points, then y; then the priors.
+    Order: for each bead x of all points, then y; then the priors, and the stated pivots.
     """
     data = _data_of(fit)
     moved = tuple(replace(track, time=track.time + late) for track in data.tracks)
@@ -154,7 +174,7 @@ def slopes_of(fit: SwingFit) -> Array:
 
 def _data_of(fit: SwingFit) -> _Data:
     priors = PRIORS | BENT if fit.bent else PRIORS
-    return _Data(fit.tracks, tuple(_weights(track) for track in fit.tracks), fit.used, fit.noise, priors)
+    return _Data(fit.tracks, tuple(_weights(track) for track in fit.tracks), fit.used, fit.noise, priors, fit.stated)
 
 
 def _bends(swings: Swings) -> bool:
@@ -296,7 +316,9 @@ def _slope(time: Array, angle: Array, start: float, span: float) -> float:
     return float(np.polynomial.Polynomial.fit(time[near], angle[near], degree).deriv()(start))
 
 
-def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool = False) -> SwingFit:
+def _fit(
+    swings: Swings, tracks: tuple[Track, ...], ground: float, stated: StatedPivots, *, bent: bool = False
+) -> SwingFit:
     """Least squares with priors, without frames of contact, frames in which A is held, and outliers."""
     from scipy.optimize import least_squares
 
@@ -316,7 +338,7 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
         used, weighed_by = chosen, noise
         _enough(used, swings, tracks)
 
-        data = _Data(tracks, tuple(weights), tuple(used), noise, priors)
+        data = _Data(tracks, tuple(weights), tuple(used), noise, priors, stated)
         found = least_squares(
             _misses_at, swings.vector, jac=_slopes_at, args=(swings, data), method="lm", x_scale="jac", max_nfev=25
         )
@@ -334,7 +356,7 @@ def _fit(swings: Swings, tracks: tuple[Track, ...], ground: float, *, bent: bool
         outlier = [
             np.max(np.abs(r * w[:, None]), axis=1) > 6 * spread + 1e-9 for r, w in zip(residuals, weights, strict=True)
         ]
-    data = _Data(tracks, tuple(weights), tuple(used), noise, priors)
+    data = _Data(tracks, tuple(weights), tuple(used), noise, priors, stated)
     covariance, parts = _covariance(swings, data, residuals, ground)
     return SwingFit(swings, tracks, tuple(used), tuple(residuals), noise, covariance, parts, bent)
 
@@ -394,6 +416,7 @@ class _Data:
     used: tuple[Mask, ...]
     noise: float  # [m], of a point of weight 1
     priors: dict[str, tuple[float, float]]  # mean and standard deviation
+    stated: StatedPivots
 
 
 def _misses_at(vector: Array, swings: Swings, data: _Data) -> Array:
@@ -421,6 +444,9 @@ def _misses(swings: Swings, data: _Data) -> Array:
         miss = (track.position[mask][:, None] - here) * (weight[mask][:, None, None] / data.noise)
         rows += [miss[..., 0], miss[..., 1]]
     rows += [((swings[name] - mean) / deviation)[None] for name, (mean, deviation) in data.priors.items()]
+    for bead, place in enumerate(data.stated.places[: swings.beads]):
+        away = (pivots(swings)[bead, 0] - np.array(place)) / data.stated.sigma
+        rows += [away[None, :, 0], away[None, :, 1]]
     return np.concatenate(rows)
 
 
@@ -432,19 +458,19 @@ def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array
 
 
 def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: float) -> tuple[Array, dict[str, Array]]:
-    """Covariance of the parameters and its parts: tracking noise, each prior, and the background.
+    """Covariance of the parameters and its parts: tracking noise, each prior, stated pivots, and the background.
 
     With information N from the data and P from the priors, C = (N + P)^-1 = C N C + sum of C P_i C.  A shift of all
     points that depends on position changes the parameters, not the residuals: C J^T d for each such pattern d.
     """
     slopes = _slopes(swings, data)
-    count = len(slopes) - len(PRIORS)
+    causes_of_priors = [_CAUSES[name] for name in PRIORS] + ["pivot"] * 2 * len(data.stated.places[: swings.beads])
+    count = len(slopes) - len(causes_of_priors)
     # correlated residuals (background, lens, texture) carry less information than their number suggests
     series = [values for residual, used in zip(residuals, data.used, strict=True) for values in residual[used].T]
     seen = slopes[:count].T @ slopes[:count] / correlation(series)
     causes = {"tracking": seen}
-    for row, name in enumerate(PRIORS):
-        cause = _CAUSES[name]
+    for row, cause in enumerate(causes_of_priors):
         causes[cause] = causes.get(cause, np.zeros_like(seen)) + np.outer(slopes[count + row], slopes[count + row])
     inverse = _inverse(sum(causes.values(), np.zeros_like(seen)))
     parts = {cause: inverse @ information @ inverse for cause, information in causes.items()}

@@ -111,14 +111,25 @@ def centres(swings: Swings, angle: Array) -> Array:
 
 def positions(swings: Swings, angle: Array) -> Array:
     """Apparent positions of the beads, shape (beads, n, batch, 2): `centres` with perspective and lens distortion."""
+    return _apparent(swings.batched(), centres(swings, angle))
+
+
+def pivots(swings: Swings) -> Array:
+    """Apparent positions of the pivots, shape (beads, 1, batch, 2)."""
     swings = swings.batched()
+    places = np.stack([swings.per_bead("pivot_x"), swings.per_bead("pivot_y")], axis=-1)
+    return _apparent(swings, places[:, None])
+
+
+def _apparent(swings: Swings, places: Array) -> Array:
+    """Places in the plane of the swing as the camera sees them, shape (beads, n, batch, 2)."""
     unit = swings["length_0"]
     # relative to the principal point, in units of the pendulum length
     if swings.axis is None:
         middle = np.stack([swings["pivot_x_0"], swings["pivot_y_0"] - 0.5 * unit], axis=-1)
     else:
         middle = np.broadcast_to(np.array(swings.axis), (len(unit), 2))
-    away = (centres(swings, angle) - middle) / unit[..., None]
+    away = (places - middle) / unit[..., None]
     u, v = away[..., 0], away[..., 1]
     nearer = swings["perspective_x"] * u + swings["perspective_y"] * v
     growth = nearer / (1 - nearer) + swings["lens"] * (u * u + v * v)

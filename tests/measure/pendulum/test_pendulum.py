@@ -19,7 +19,7 @@ from rigtwin.measure.pendulum.checks import lens_check, timing_check
 from rigtwin.measure.pendulum.evaluate import evaluate, judge
 from rigtwin.measure.pendulum.lost_frames import find_losses
 from rigtwin.measure.pendulum.measurement import measure
-from rigtwin.measure.pendulum.swing_fit import fit_swings
+from rigtwin.measure.pendulum.swing_fit import StatedPivots, fit_swings
 
 GRAVITY = 9.81
 
@@ -108,6 +108,27 @@ def test_the_restitution_of_a_simulated_swing_is_found_without_damping_and_drag(
     assert by_angle.value < 0.615
     low, high = by_angle.interval95
     assert low < 0.62 < high
+
+
+def test_stated_pivots_are_priors_of_the_fit():
+    truth = Truth()
+    tracks = tuple(tracks_of(truth, frame_rate=120.0, duration=0.5, noise=4e-4, seed=3))
+    places = ((0.0, 0.0), (truth.diameter, 0.0))
+
+    def released(stated: StatedPivots):
+        return fit_swings(tracks, stated=stated).propagate(
+            lambda swings: {"release": swings["release_angle"], "length": swings["length_0"]}
+        )
+
+    free = released(StatedPivots((), 1.0))
+    known = released(StatedPivots(places, 1e-4))
+    assert known["length"].std < 0.5 * free["length"].std
+    assert known["length"].value == pytest.approx(truth.length, abs=3 * known["length"].std)
+    assert known["release"].value == pytest.approx(-truth.release, abs=3 * known["release"].std)
+    assert known["length"].budget["pivot"] > 0
+    # a place that is further off pulls the fit with it
+    moved = released(StatedPivots(((0.0, 0.003), (truth.diameter, 0.003)), 1e-4))
+    assert moved["length"].value > known["length"].value + 0.001
 
 
 @pytest.mark.parametrize(
@@ -483,6 +504,19 @@ def drawn(tmp_path_factory):
     path = tmp_path_factory.mktemp("drawn") / "swing.mp4"
     draw_clip(path, truth)
     return truth, path
+
+
+def test_pivots_of_a_film_can_be_stated(drawn):
+    truth, path = drawn
+    hinges = tuple((float(x), float(y)) for x, y in _pivots(truth))
+    right = measure(path, Camera(frame_rate=240, pivots=hinges), length=truth.length)
+    e = found(right, "restitution_pair", "velocity", collision=1)
+    assert e.value == pytest.approx(0.72, rel=0.02)
+    assert not e.doubtful
+    assert right.camera["stated"] == ["pivots"]
+    assert [each.passed for each in right.checks if each.check == "stated_pivot"] == [True, True]
+    wrong = measure(path, Camera(frame_rate=240, pivots=((hinges[0][0], hinges[0][1] + 25),)), length=truth.length)
+    assert "correct --pivot" in found(wrong, "restitution_pair", "velocity", collision=1).doubtful
 
 
 def test_a_drawn_clip_gives_back_restitution_angles_scale_and_roll(drawn, tmp_path):
