@@ -23,7 +23,7 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
-@filmed(*FILM, "bead_at")
+@filmed(*FILM, "plate", "bead_at")
 @tracked
 def measure_drop(
     clip: Annotated[

@@ -278,7 +278,7 @@ class ContactEntry(_Entry):
 _OF_CAMERA = [field.name for field in fields(camera.Camera)]
 _ONLY_OF: dict[str, tuple[str, ...]] = {
     "bead_at": ("drop", "tilt"),
-    "plate": ("tilt",),
+    "plate": ("drop", "tilt"),
     "pivot": ("pendulum",),
     "base": ("pile",),
     "flank": ("pile",),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rigtwin.lab.camera import STATED_SIGMA
 from rigtwin.lab.formatting import reading
 from rigtwin.lab.quantity import Check, root_sum_of_squares
 from rigtwin.lab.rigs import GRAVITY
@@ -18,6 +19,7 @@ from rigtwin.measure.scene.checks import bead_in_view, static_camera
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rigtwin.lab.camera import Line
     from rigtwin.lab.records import Track
     from rigtwin.measure.media.frame_loss import Loss
     from rigtwin.measure.media.video import Video
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
 # Standard uncertainties beyond which two scales contradict; that of a rim is a limit (shading), not a scatter.
 SCALES_APART = 2.0
+MOST_OFF = 4.0  # standard uncertainties of a stated plate by which the contacts may lie beside it
+OF_RADIUS = 0.3  # of the bead: seen from above, the visible edge of a plate is not the line on which it is hit
 LEAST_APART = 0.06  # relative tolerance of a stated diameter: beads are not rounder than that
 LEAST_LEFT = 0.05  # [px], lower limit of the tracking noise that is used in the comparison below
 MOST_LEFT = 2.5  # largest residual of the flights over the tracking noise
@@ -224,6 +228,24 @@ def size_check(found: float, uncertainty: float, stated: float) -> Check:
     )
     ending = "." if passed else ": the scale or the stated diameter is wrong, or something else was followed."
     return Check("bead_size", passed, found, stated, message + ending)
+
+
+def plate_check(plate: Line, seen: Chase, fitted: Bounces) -> Check:
+    """Whether the flights meet where the bead touches the stated plate; `fitted` is in pixels, y up."""
+    contact = float(fitted.contact_times[0])
+    times = np.array([sighting.time for sighting in seen.sightings])
+    x = float(np.interp(contact, times, [sighting.image.x for sighting in seen.sightings]))
+    lowest = float(-fitted.level(np.array([contact]))[0]) + seen.radius
+    (x1, y1), (x2, y2) = plate
+    stated = y1 + (y2 - y1) * (x - x1) / max(x2 - x1, 1e-9)
+    passed = abs(lowest - stated) < MOST_OFF * STATED_SIGMA + OF_RADIUS * seen.radius
+    message = (
+        f"at the first contact ({contact:.3f} s) the bead's lowest point is {lowest - stated:+.1f} px below --plate"
+    )
+    ending = (
+        "." if passed else ": the bead bounces on something else, or the stated line is none of the plate's surface."
+    )
+    return Check("stated_plate", passed, lowest - stated, 0.0, message + ending)
 
 
 def _left_of_flights(seen: Chase, fitted: Bounces) -> float:

@@ -20,6 +20,7 @@ from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.lab.tracked.upright import by_fall
 from rigtwin.measure.drop.bounce_fit import Bounces
 from rigtwin.measure.drop.checks import (
+    plate_check,
     size_check,
     view_checks,
 )
@@ -64,7 +65,13 @@ def _with_film_checks(
     in_metres = quantity.unit == "m"
     # a known air drag depends on the bead's size; a fitted one does not
     of_size = in_metres or (quantity.method == "velocity" and drag.known)
-    rests_on = {"bead_in_view": True, "static_camera": True, "camera_roll": in_metres, "bead_size": of_size}
+    rests_on = {
+        "bead_in_view": True,
+        "static_camera": True,
+        "stated_plate": True,
+        "camera_roll": in_metres,
+        "bead_size": of_size,
+    }
     seen = failed(checks, [name for name, rests in rests_on.items() if rests])
     reasons = [seen, film, lengths if in_metres else "", scales if of_size else ""]
     return doubted(quantity, "; ".join(filter(None, reasons)))
@@ -208,6 +215,8 @@ def _measure_film(
         checks = (*checks, roll_check(camera.roll, *gauge.fall, "the bead's fall shows"))
     if bead_diameter is not None and not gauge.source.startswith("bead diameter"):
         checks = (*checks, size_check(2 * seen.radius * gauge.scale, radius_uncertainty(seen), bead_diameter))
+    if camera.plate is not None:
+        checks = (*checks, plate_check(camera.plate, seen, in_picture))
     unconfirmed = (f"{RATE_UNCONFIRMED}; {gauge.cross_check}.",) if gauge.source == "gravity" else ()
     unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
     measurement = Measurement(

@@ -114,6 +114,17 @@ def test_the_stated_bead_is_followed_among_others(tmp_path):
     assert result.camera["stated"] == ["bead_at"]
 
 
+def test_the_contacts_must_lie_on_a_stated_plate(tmp_path):
+    clip = film(tmp_path / "clip.mp4")
+    surface = 199.5 - FOCAL * (PLATE - RADIUS) / DISTANCE
+    for off, passed in ((0.0, True), (-25.0, False)):
+        plate = ((60.0, surface + off), (180.0, surface + off))
+        result = drop.measure(clip, Camera(frame_rate=RATE, plate=plate), bead_diameter=2 * RADIUS)
+        (check,) = [each for each in result.checks if each.check == "stated_plate"]
+        assert check.passed == passed, check.message
+        assert all(("stated line" in each.doubtful) != passed for each in result.quantities)
+
+
 def test_a_stated_place_without_a_bead_is_refused_with_the_place(tmp_path):
     clip = film(tmp_path / "clip.mp4")
     with pytest.raises(NothingToMeasure, match=r"--bead-at 60:200,40"):
