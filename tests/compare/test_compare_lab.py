@@ -304,6 +304,7 @@ def test_results_of_experiments_that_are_not_measured_now_are_not_replaced(lab, 
     assert {name: (out / name).read_bytes() for name in FILES} == before
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_a_remark_names_an_experiment_that_was_renamed_in_the_lab_file(lab, compared, tmp_path):
     mine = Path(shutil.copytree(lab, tmp_path / "lab"))
@@ -316,6 +317,7 @@ def test_a_remark_names_an_experiment_that_was_renamed_in_the_lab_file(lab, comp
     assert compare(mine, results, workers=1, model=contact_of(tmp_path, "bead-bead")).remarks == ()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_a_remark_says_that_effects_of_a_model_of_other_contacts_still_act(lab, tmp_path):
     other = contact_of(tmp_path, "D6_ABS-glass")

@@ -179,6 +179,7 @@ def test_a_clump_with_another_diameter_than_its_own_is_refused():
         clumped("odd", ASH, row(2, 1e-3, 1e-3), density=1.0, mass=1.0)
 
 
+@pytest.mark.slow
 def test_more_spheres_fill_a_cube_better_and_none_passes_its_faces():
     cube = trimesh.creation.box((6e-3, 6e-3, 6e-3))
     parts = []

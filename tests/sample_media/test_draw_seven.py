@@ -43,6 +43,7 @@ def test_the_drawn_bed_is_as_high_as_it_was_drawn(tmp_path):
     assert holds(found, "bed_height", TRUTH["packing"]["mean_outline_mm"] * 1e-3, "outline")
 
 
+@pytest.mark.slow
 def test_the_turning_plate_does_not_pull_a_scene_of_few_edges_along(tmp_path):
     plate = measured("tilt", tmp_path)
     assert holds(plate, "static_friction_angle", TRUTH["tilt"]["onset_angle_deg"])

@@ -166,6 +166,7 @@ def test_the_flank_angle_of_a_cone_is_its_slope() -> None:
     assert apex_angle(cone, 2 * 0.025 / np.tan(np.radians(29.0))) == pytest.approx(29.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_rendering_the_drop_again_gives_the_stored_picture(truth: dict[str, Any]) -> None:
     from rigtwin.sample_media.renderer import draw_drop
     from rigtwin.sample_media.renderer.scene import Region
@@ -181,6 +182,7 @@ def test_rendering_the_drop_again_gives_the_stored_picture(truth: dict[str, Any]
     assert 30 < v < 130
 
 
+@pytest.mark.slow
 def test_rendering_a_part_of_the_heap_again_gives_the_stored_photo() -> None:
     from rigtwin.sample_media.renderer import draw_pile
     from rigtwin.sample_media.renderer.scene import Region

@@ -65,6 +65,7 @@ def test_energy_is_conserved_without_damping_and_never_gained_with_it(particle):
     assert 0 < energy(real, len(real.spin) - 1) < 0.9 * GRAVITY * HEIGHT
 
 
+@pytest.mark.slow
 def test_the_mirrored_orientation_rebounds_to_the_other_side():
     one, other = (fall(CUBE, turned, bounces=1) for turned in (0.3, -0.3))
     assert one.front.position[:, 0] == pytest.approx(-other.front.position[:, 0], abs=1e-6)
@@ -98,6 +99,7 @@ def test_two_views_give_the_speed_in_all_directions(seed, frame_rate):
     assert seen["height"].doubtful
 
 
+@pytest.mark.slow
 def test_the_seed_determines_the_orientation():
     first, again, other = (fall(PELLET, seed=seed) for seed in (1, 1, 2))
     assert np.array_equal(first.front.position, again.front.position)

@@ -59,6 +59,7 @@ def test_the_bed_climbs_with_the_wall_to_a_slope_of_its_friction(rough):
     assert 0.1 < math.tan(math.radians(slope(rough))) < 0.6 * (1 + 0.03 / 0.02)
 
 
+@pytest.mark.slow
 def test_reversed_rotation_gives_the_mirror_image_of_the_slope(rough):
     other = turned(Drum(RIG.diameter, -RIG.speed, RIG.depth, RIG.fill))
     assert slope(other) == pytest.approx(-slope(rough), abs=6)
@@ -70,6 +71,7 @@ def test_in_a_smooth_drum_the_bed_slides_and_lies_lower(rough, smooth):
     assert slope(smooth) > -3
 
 
+@pytest.mark.slow
 def test_beads_mix_in_a_drum_that_tumbles_and_not_in_one_that_slides():
     # with few beads the scatter of the index after half a turn is as large as its rise
     rough, smooth = turned(turns=1.0), turned(turns=1.0, wall=SMOOTH)

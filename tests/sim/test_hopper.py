@@ -71,6 +71,7 @@ def test_the_steady_flow_follows_beverloo_and_grows_with_the_outlet(cone):
     assert ratio < 1.2 * law(0.04, 1, 1.6) / law(0.03, 1, 1.6)
 
 
+@pytest.mark.slow
 def test_the_flow_of_a_slot_follows_beverloos_law_of_slots():
     # W = C rho_b sqrt(g) (L - k d) (b - k d)^1.5, C 1.03 where a round outlet has 0.58 (Myers and Sellers), so 1.78 of
     # its 0.55 to 0.65, k 1.3 to 1.6; steep walls let through more (Rose and Tanaka): the window is wide, exponents tell

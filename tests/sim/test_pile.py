@@ -54,6 +54,7 @@ def test_the_heap_is_centred_and_higher_than_its_rim(heap):
     assert heap.centres[middle, 2].max() > BOWL.rim_height + D6.radius
 
 
+@pytest.mark.slow
 def test_heaps_are_alike_on_both_sides_and_from_all_views_within_their_scatter():
     wide = replace(BOWL, base_diameter=0.07)
     angles: dict[str, list[list[float]]] = {"left": [], "right": [], "mean": []}  # [deg], heap by heap, view by view
@@ -273,6 +274,7 @@ def test_sections_of_a_crater_are_heaps_with_the_wall_in_the_middle(crater):
     assert other.height == pytest.approx(one.height[::-1], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_rough_beads_stay_in_an_emptied_container_where_smooth_ones_run_out(crater):
     assert drained(SMOOTH).fallen > 1.2 * crater.fallen
 

@@ -306,6 +306,7 @@ def test_a_model_file_lists_the_assumed_properties(tmp_path):
 FIVE_HEIGHTS = (0.1, 0.2, 0.3, 0.45, 0.6)
 
 
+@pytest.mark.slow
 def test_conditions_of_one_repetition_each_are_separated_from_noise_by_their_rows(tmp_path):
     once = partial(write_drops, heights=FIVE_HEIGHTS, repetitions=1)
     nothing = verdict_on(once(tmp_path / "nothing", 71), "air_drag", "scale_error", "frame_rate_error")
@@ -316,6 +317,7 @@ def test_conditions_of_one_repetition_each_are_separated_from_noise_by_their_row
     assert "no condition was repeated" in drag.reason
 
 
+@pytest.mark.slow
 def test_scatter_between_runs_is_no_effect_where_nothing_was_repeated(tmp_path):
     rng = np.random.default_rng(73)
     lab = write_drops(tmp_path / "lab", 74, beads=("light",), heights=FIVE_HEIGHTS, repetitions=1, drag=0.5)
@@ -384,6 +386,7 @@ def test_a_second_term_pays_for_the_shape_of_the_first_too(lifted, monkeypatch):
     assert formula._on_all(bench, naming, training, second).gain == pytest.approx(free.gain - 30)
 
 
+@pytest.mark.slow
 def test_the_choice_of_a_formula_does_not_depend_on_held_out_data(tmp_path):
     given = {"beads": ("heavy",), "heights": (0.1, 0.2, 0.4), "repetitions": 4}
     one, other = (write_drops(tmp_path / name, 42, **given, lift=0.1) for name in ("one", "other"))
@@ -399,6 +402,7 @@ def test_the_choice_of_a_formula_does_not_depend_on_held_out_data(tmp_path):
     assert found[0] == pytest.approx(found[1], rel=1e-2)  # the noise is estimated from all tracks
 
 
+@pytest.mark.slow
 def test_a_formula_of_the_first_repetitions_alone_is_no_law(tmp_path):
     given = {"beads": ("heavy",), "heights": (0.1, 0.6), "repetitions": 6}
     lab = write_drops(tmp_path / "lab", 42, **given, lift=0.1)
@@ -450,6 +454,7 @@ def test_the_model_file_of_a_rolling_bead_carries_its_rolling_friction(rolled, t
     assert contact.restitution is None
 
 
+@pytest.mark.slow
 def test_a_push_the_other_way_separates_a_tilted_table_from_a_rolled_camera(tmp_path):
     names = "plate_tilt", "camera_roll", "scale_error"
     one_way = verdict_on(write_rolls(tmp_path / "one", 4, tip=0.02), *names)
@@ -461,6 +466,7 @@ def test_a_push_the_other_way_separates_a_tilted_table_from_a_rolled_camera(tmp_
     assert tilt["value"] == pytest.approx(0.02, abs=4 * tilt["std"])
 
 
+@pytest.mark.slow
 def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
     lab = write_drops(tmp_path / "lab", 18, repetitions=3, drag=0.5, clock=-0.006)
     document = verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error").to_json()
@@ -475,6 +481,7 @@ def test_a_yield_speed_is_found_from_the_wrong_side_of_zero(tmp_path):
     assert below.deviance == pytest.approx(above.deviance, abs=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "true", [pytest.param(1e-4, marks=pytest.mark.slow), 3e-4]
 )  # the larger one is far from the baseline's start
@@ -656,6 +663,7 @@ def test_derivatives_agree_with_finite_differences(tmp_path, effect):
         )
 
 
+@pytest.mark.slow
 def test_a_lab_toml_of_tracked_drops_is_diagnosed_as_its_lab_json_is(tmp_path):
     write_drops(tmp_path, 6, repetitions=3, clock=0.01)
     beads = "\n".join(
@@ -702,6 +710,7 @@ def change_rows(file, change):
     file.write_text("\n".join([lines[0], *(f"{t:.5f},{x:.6f},{y:.6f}" for t, x, y in rows)]) + "\n")
 
 
+@pytest.mark.slow
 def test_a_tilted_camera_is_named_alone_for_any_position_of_its_scale(tmp_path):
     folder = write_drops(tmp_path, 21, beads=("heavy",), heights=(0.3, 0.8), repetitions=3)
     gradient, level = 0.1, 0.4

@@ -11,6 +11,7 @@ from rigtwin.compare.diagnose.fitting.fit import fit
 from rigtwin.sim.effects import named
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed",
     [(10160, 127), pytest.param((10161, 318), marks=pytest.mark.slow), pytest.param((11,), marks=pytest.mark.slow)],
@@ -25,6 +26,7 @@ def test_pivot_friction_beside_drag_is_found_with_slightly_wrong_diameters(seed,
     assert abs(found.value(moment) - truth["parameters"]["tau_c"]) < 2.5 * found.std(moment)
 
 
+@pytest.mark.slow
 def test_another_plate_separates_a_loss_to_the_plate_from_one_in_the_bead(tmp_path):
     """One plate cannot separate them; the proposed experiment, simulated here, names the plate."""
     case = Case("single", "drop", ("plate_compliance",), "moderate")
@@ -54,6 +56,7 @@ def named_in(lab):
     return said["verdict"], [effect["effect"] for effect in said["effects"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["plate_compliance", "velocity_dependent_restitution"])
 def test_two_plates_of_one_material_separate_bending_of_the_plate_from_losses_in_the_bead(effect, tmp_path):
     verdict, names = named_in(with_half_the_thickness(effect, (10600, 10), tmp_path))
@@ -61,6 +64,7 @@ def test_two_plates_of_one_material_separate_bending_of_the_plate_from_losses_in
     assert (names == ["plate_compliance"]) == (effect == "plate_compliance")
 
 
+@pytest.mark.slow
 def test_plates_of_different_stated_materials_are_not_tied(tmp_path):
     """A density that differs by a millionth unties the restitutions of the two plates and changes nothing else."""
     lab = with_half_the_thickness("plate_compliance", (10600, 10), tmp_path)

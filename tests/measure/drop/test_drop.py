@@ -579,6 +579,7 @@ def test_without_density_the_drag_law_of_the_diameter_is_used():
     assert sized.budget["air drag"] > 0
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_board_enters_the_budget_of_heights(clip):
     board = Lens((176, 352), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0, 0.0), SCALE, 0.02, 0.1)
     result = drop_measurement.measure(clip, Camera(frame_rate=FPS, scale=SCALE, lens=board, end=CUT))
@@ -587,6 +588,7 @@ def test_the_uncertainty_of_a_board_enters_the_budget_of_heights(clip):
     assert height.budget["scale"] == pytest.approx(0.02 * height.value)
 
 
+@pytest.mark.slow
 def test_a_mirrored_clip_gives_the_same_restitution(tmp_path, measured):
     mirrored = drop_measurement.measure(film(tmp_path / "mirrored.mp4", mirrored=True), CAMERA, bead_density=7800.0)
     for method in ("height", "velocity"):
@@ -605,6 +607,7 @@ def test_camera_shake_and_doubled_frames_are_corrected_and_reported(tmp_path):
     assert e.value == pytest.approx(0.7, abs=max(0.006, 2 * e.std_uncertainty))
 
 
+@pytest.mark.slow
 def test_camera_shake_hidden_by_the_codec_makes_all_quantities_doubtful(tmp_path):
     result = drop_measurement.measure(film(tmp_path / "hidden.mp4", hidden=0.7), CAMERA, bead_diameter=DIAMETER)
     camera = check(result, "static_camera")
@@ -614,6 +617,7 @@ def test_camera_shake_hidden_by_the_codec_makes_all_quantities_doubtful(tmp_path
     assert all("strongest edges" in each.doubtful for each in result.quantities)
 
 
+@pytest.mark.slow
 def test_long_films_and_large_pictures_give_the_same_result(clip, measured, monkeypatch):
     monkeypatch.setattr(sources, "KEPT", 10**5)
     monkeypatch.setattr(spots, "LARGE", 10**4)
@@ -632,6 +636,7 @@ def test_a_region_outside_the_picture_is_bad_input(clip):
         drop_measurement.measure(clip, Camera(frame_rate=FPS, region=(5000, 0, 40, 40)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("degrees", "passed"), [(0.0, True), (4.0, False)])
 def test_a_camera_roll_that_contradicts_the_fall_makes_lengths_doubtful(clip, degrees, passed):
     result = drop_measurement.measure(
@@ -648,6 +653,7 @@ def test_heights_with_scale_from_gravity_and_rate_from_the_file_are_doubtful(cli
     assert not pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
 
 
+@pytest.mark.slow
 def test_a_clip_of_a_still_camera_is_read_at_most_twice(clip, monkeypatch):
     monkeypatch.setattr(sources, "KEPT", 10**5)
     read = []
@@ -671,6 +677,7 @@ def test_playback_rate_taken_for_the_capture_rate_is_flagged(clip):
     assert any("read from the file" in line for line in result.warnings)
 
 
+@pytest.mark.slow
 def test_a_clip_that_ends_before_the_rebound_is_refused(tmp_path):
     with pytest.raises(NothingToMeasure, match="no turn from falling to rising"):
         drop_measurement.measure(film(tmp_path / "short.mp4", frames=42), CAMERA)

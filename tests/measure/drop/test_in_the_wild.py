@@ -92,6 +92,7 @@ def test_motion_along_the_line_of_sight_is_corrected(tmp_path, towards):
     assert height.value == pytest.approx(0.25, rel=0.015)
 
 
+@pytest.mark.slow
 def test_a_bead_that_stays_in_its_plane_is_not_corrected(tmp_path):
     result = drop.measure(film(tmp_path / "clip.mp4"), Camera(frame_rate=RATE), bead_diameter=2 * RADIUS)
     assert all(check.check != "line_of_sight" for check in result.checks)

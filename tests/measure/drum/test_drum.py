@@ -374,6 +374,7 @@ def test_a_large_stated_roll_that_nothing_shows_is_used(tmp_path: Path) -> None:
     assert not angle.doubtful
 
 
+@pytest.mark.slow
 def test_the_avalanche_frequency_does_not_depend_on_the_camera_roll(tmp_path: Path) -> None:
     film(tmp_path / "drum.mp4", 30.0, roll=12.0, frames=90, turn=math.radians(0.4), slides=8.0)
     found = measured(tmp_path / "drum.mp4")

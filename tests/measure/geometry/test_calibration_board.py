@@ -80,6 +80,7 @@ def film(folder, bench, places, radius):
         cv2.imwrite(str(folder / f"{number:04d}.png"), cv2.resize(shade, SIZE, interpolation=cv2.INTER_AREA))
 
 
+@pytest.mark.slow
 @settings(max_examples=5, deadline=None, derandomize=True, phases=[Phase.generate])
 @given(st.floats(-15, 15), st.floats(-15, 15), st.floats(-0.1, 0.05), st.floats(-3, 3))
 def test_squares_of_a_rectified_board_have_equal_size(tmp_path_factory, tilt, pan, bend, roll):

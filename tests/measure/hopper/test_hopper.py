@@ -430,6 +430,7 @@ def test_a_hopper_without_a_level_edge_gets_advice_on_the_roll(tmp_path: Path, m
     assert "camera_roll" not in {check.check for check in found.checks}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "colours",
     [
@@ -446,6 +447,7 @@ def test_beads_of_several_colours_are_no_hand(tmp_path: Path, colours: tuple[tup
     assert not any(one.doubtful for one in found.quantities)
 
 
+@pytest.mark.slow
 def test_a_slide_is_no_part_of_the_bed_in_a_large_film_either(tmp_path: Path) -> None:
     last = film(tmp_path / "hopper.mp4", slide=6, zoom=3)
     found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE))
@@ -455,6 +457,7 @@ def test_a_slide_is_no_part_of_the_bed_in_a_large_film_either(tmp_path: Path) ->
         assert not end.doubtful
 
 
+@pytest.mark.slow
 def test_a_lamp_that_flickers_changes_nothing(tmp_path: Path) -> None:
     last = film(tmp_path / "lamp.mp4", flicker=0.1)
     found = hopper.measure(tmp_path / "lamp.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER)
@@ -493,6 +496,7 @@ def test_a_hand_before_the_slot_does_not_open_it(tmp_path: Path, skin: tuple[int
     assert lasted.doubtful
 
 
+@pytest.mark.slow
 def test_a_hand_before_the_last_bead_makes_its_time_doubtful(tmp_path: Path) -> None:
     times, last = handled(tmp_path / "hand.mp4", lambda k: (155.0 if 38 < k < 60 else 265.0, 155.0))
     low, high = times[1].interval95
@@ -500,6 +504,7 @@ def test_a_hand_before_the_last_bead_makes_its_time_doubtful(tmp_path: Path) -> 
     assert low * RATE < last < high * RATE
 
 
+@pytest.mark.slow
 def test_a_hand_before_a_bed_of_two_colours_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "hand.mp4"
 
@@ -514,6 +519,7 @@ def test_a_hand_before_a_bed_of_two_colours_is_reported(tmp_path: Path) -> None:
     assert low * RATE < last < high * RATE
 
 
+@pytest.mark.slow
 def test_a_film_with_something_in_front_throughout_is_doubtful(tmp_path: Path) -> None:
     # ever elsewhere beside the bed, so that it is in no picture of the hopper before or after
     film(tmp_path / "hand.mp4", hand=lambda k: (25.0 if k % 2 else 195.0, (30.0, 75.0, 115.0)[k % 3]))
@@ -559,6 +565,7 @@ def test_a_hand_that_pulls_the_slide_from_afar_is_no_trouble(tmp_path: Path) -> 
     assert not any(time.doubtful for time in times)
 
 
+@pytest.mark.slow
 def test_lost_frames_make_the_beads_no_faster_at_the_outlet(tmp_path: Path) -> None:
     speeds = []
     for name, lost in (("whole.mp4", frozenset[int]()), ("lost.mp4", frozenset(range(14, 70, 3)))):
@@ -618,6 +625,7 @@ def test_a_cut_in_a_flow_of_bursts_is_detected_where_no_bead_is_seen_on_both_sid
     assert check.passed == seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scatter", "unseen"), [pytest.param(0.58, 0.05, marks=pytest.mark.slow), (0.71, 0.15)])
 def test_bursts_in_which_no_bead_is_seen_to_fall_here_and_there_are_no_cuts(scatter: float, unseen: float) -> None:
     rng, convicted, flows = np.random.default_rng(11), 0, 300
@@ -682,6 +690,7 @@ def test_falling_beads_show_a_frame_rate_that_is_not_theirs(tmp_path: Path, ever
     assert abs(math.log(check.value / 9.81 / (stated * every) ** 2)) < 0.3
 
 
+@pytest.mark.slow
 def test_what_is_advised_for_a_scale_was_not_given_already(tmp_path: Path) -> None:
     film(tmp_path / "hopper.mp4")
 
@@ -713,6 +722,7 @@ def test_a_last_bead_that_disappears_above_the_slot_is_doubtful(tmp_path: Path, 
     assert "disappears" in find(found, "discharge_time").doubtful
 
 
+@pytest.mark.slow
 def test_a_last_bead_that_disappears_after_frames_that_do_not_show_it_is_doubtful(tmp_path: Path) -> None:
     last = math.floor(film(tmp_path / "gone.mp4"))
 
@@ -777,6 +787,7 @@ def test_an_over_compressed_clip_is_right_within_a_frame_or_doubtful(tmp_path: P
         assert bool(end.doubtful) is (crf == 51)
 
 
+@pytest.mark.slow
 def test_noise_far_below_the_contrast_of_beads_makes_nothing_doubtful(tmp_path: Path) -> None:
     last = film(tmp_path / "hopper.mp4", noise=10.0, crf=6)
     found = hopper.measure(tmp_path / "hopper.mp4", Camera(frame_rate=RATE))
@@ -805,6 +816,7 @@ def test_a_still_films_bits_are_those_of_the_bed(tmp_path: Path, zoom: int) -> N
     assert judged(tmp_path / "hopper.mp4", "compression").value == pytest.approx(bits, rel=0.2)
 
 
+@pytest.mark.slow
 def test_few_bits_add_a_frame_of_uncertainty_and_those_of_a_shaken_film_are_too_few(tmp_path: Path) -> None:
     """A codec spends them all over a picture that shakes, and leaves out in it what it shows of a still one."""
     found = []

@@ -116,6 +116,7 @@ def test_without_a_bead_size_the_roughness_is_not_checked():
     assert "smooth_surface" not in {check.check for check in result.checks}
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_mean_top_of_the_surface_beads():
     inside = 0
     for seed in range(20):
@@ -456,6 +457,7 @@ def test_without_the_beads_size_the_right_cylinder_is_not_accused(tmp_path):
     assert "bead diameter not stated" in warning
 
 
+@pytest.mark.slow
 def test_without_the_beads_size_the_surface_lies_half_a_bead_as_it_looks_below_the_tops(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)
@@ -477,6 +479,7 @@ def test_without_the_beads_size_the_surface_lies_half_a_bead_as_it_looks_below_t
     assert not any("bead diameter not stated" in warning for warning in stated.warnings)
 
 
+@pytest.mark.slow
 def test_a_size_that_nothing_checks_is_reported_as_unconfirmed(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo, gauge=False)
@@ -599,6 +602,7 @@ def test_a_bed_between_walls_that_close_in_is_no_cylinder(tmp_path, closing):
     assert all(("no cylinder" in one.doubtful) is (closing > 0) for one in result.quantities)
 
 
+@pytest.mark.slow
 def test_a_mass_that_no_stated_density_confirms_is_reported(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)

@@ -239,6 +239,7 @@ def test_a_wrong_length_or_diameter_fails_its_check():
     assert [bool(reason) for reason in reasons] == [False, True]
 
 
+@pytest.mark.slow
 def test_stated_intervals_cover_the_truth_at_their_nominal_rate():
     rng = np.random.default_rng(7)
     inside, misses = 0, []
@@ -260,6 +261,7 @@ def test_stated_intervals_cover_the_truth_at_their_nominal_rate():
     assert 0.5 < np.std(misses) < 1.6  # nor are the intervals much too wide
 
 
+@pytest.mark.slow
 def test_the_budget_covers_drifts_of_a_bead_due_to_the_codec():
     truth, noise, ground = Truth(restitution=0.7), 5e-5, 1.0
     tracks = tracks_of(truth, noise=noise)
@@ -387,6 +389,7 @@ def test_a_bead_that_is_lost_at_the_collision_is_named_in_the_error():
         evaluate([lost, b])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [pytest.param(5e-5, marks=pytest.mark.slow), 2e-4])
 def test_two_tracks_of_the_same_bead_make_all_quantities_doubtful(noise):
     """B's rise is taken for a continuation of A's fall, and a point of it for B's rest position."""
@@ -552,6 +555,7 @@ def test_a_drawn_clip_gives_back_restitution_angles_scale_and_roll(drawn, tmp_pa
     assert found(again, "restitution_pair", "velocity", collision=1).value == pytest.approx(e.value, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_mirrored_clip_whose_scale_is_from_the_bead_gives_the_same_restitution(tmp_path):
     truth = Truth(restitution=0.9, length=0.16, release=math.radians(40), released=0.04)
     draw_clip(tmp_path / "mirrored.mp4", truth, mirror=True, duration=0.6, exposure=0.6, seed=3)
@@ -636,6 +640,7 @@ def test_a_wall_off_the_vertical_makes_only_the_angle_method_doubtful():
     assert "past the vertical" in found(evaluation, "restitution_wall", "angle").doubtful
 
 
+@pytest.mark.slow
 def test_the_priors_do_not_bias_a_short_record_with_little_noise():
     rng = np.random.default_rng(5)
     misses = []
@@ -663,6 +668,7 @@ def without(tracks, lost):
 HIT = 67  # the first frame after the hit, of `tracks_of(Truth())`; B turns at about 118
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "lost",
     [
@@ -691,6 +697,7 @@ def test_a_lost_or_doubled_frame_is_found_from_the_swing_and_corrected(lost):
     assert fit.noise < fit_swings(tracks).noise
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("barrel", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])
 def test_lens_drag_and_a_long_contact_are_no_lost_frames(barrel):
     """Lens distortion, air drag, and a contact of one frame."""
@@ -719,6 +726,7 @@ def test_a_time_shift_by_a_fraction_of_a_frame_is_not_corrected():
     assert not timing_check(SimpleNamespace(first=0, last=99, skipped=()), losses).passed
 
 
+@pytest.mark.slow
 def test_a_film_with_a_lost_frame_gives_the_true_restitution(tmp_path):
     """The time stamps are those of a complete film."""
     truth = Truth(restitution=0.72, length=0.16, release=math.radians(45), released=0.06)

@@ -553,6 +553,7 @@ def test_a_region_keeps_the_measurement_to_its_part_of_the_photo(tmp_path: Path)
     assert angle(result, GRAPHICAL, "mean").value == pytest.approx(angle(truth(scene), GRAPHICAL, "mean").value, abs=1)
 
 
+@pytest.mark.slow
 def test_a_mirrored_photo_gives_the_mirrored_angles(tmp_path: Path) -> None:
     scene = Scene(seed=7, roll=1.0)
     path = photograph(tmp_path, scene, "heap.png")
@@ -715,6 +716,7 @@ def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_p
     assert any("--base-diameter" in warning for warning in result.warnings)
 
 
+@pytest.mark.slow
 def test_a_large_photo_gives_the_same_angles(tmp_path: Path) -> None:
     small = Scene(seed=10, noise=2)
     large = replace(small, size=(1280, 1800), blur=1.4)

@@ -94,6 +94,7 @@ def test_rolling_friction_is_found_although_a_ball_starts_with_no_acceleration(a
     assert next(check for check in result.checks if check.check == "gravity").passed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", [pytest.param("slide", marks=pytest.mark.slow), "roll"])
 def test_intervals_cover_the_truth(variant):
     inside, count = 0, 14
@@ -115,6 +116,7 @@ def test_creep_before_the_onset_is_reported_and_does_not_shift_it():
     assert pick(result, "static_friction_angle").value == pytest.approx(18.0, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(2, marks=pytest.mark.slow)])
 def test_larger_tracking_errors_in_the_run_do_not_shift_the_onset(seed):
     """The registration error is a tenth of a pixel once the body has left its pixels at rest."""
@@ -146,6 +148,7 @@ def test_a_sharp_onset_with_little_noise_is_not_taken_for_creep(angle, seed):
     assert next(check for check in result.checks if check.check == "creep").value == 0
 
 
+@pytest.mark.slow
 def test_the_gravity_check_depends_on_the_scale_and_the_angle_does_not():
     right = tilt.evaluate(*record("roll", angle_deg=4.0), variant="roll", bead_diameter=0.006)
     wrong = tilt.evaluate(*record("roll", angle_deg=4.0, size=1.3), variant="roll", bead_diameter=0.006)
@@ -182,6 +185,7 @@ def test_the_shape_check_refuses_rolling_clumps_but_not_smeared_beads(length, ro
     assert tilt_film_checks.shape_check(body, "slide").passed
 
 
+@pytest.mark.slow
 def test_a_record_without_noise_gives_the_exact_angle():
     angles, tracks = record("roll", angle_deg=4.0, noise=0.0, fps=300)
     result = tilt.evaluate(angles, tracks, variant="roll", bead_diameter=0.006)
@@ -357,6 +361,7 @@ def clip(
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("angle", "noise"), [pytest.param(14.0, 2.0, marks=pytest.mark.slow), (22.0, 5.0)])
 def test_a_small_turn_before_the_onset_is_not_taken_for_a_squeezed_picture(tmp_path, angle, noise):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=angle, rate_deg=1.0, noise=noise)
@@ -396,6 +401,7 @@ def test_a_drawn_clip_gives_the_true_onset(request, variant, angle, roll):
         assert Path(path).stat().st_size > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("variant", "post"), [("slide", 335), pytest.param("roll", 330, marks=pytest.mark.slow)])
 def test_a_post_in_front_of_the_plate_is_not_taken_for_the_body(tmp_path, variant, post):
     film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=14.0 if variant == "slide" else 6.0, post=post)
@@ -466,12 +472,14 @@ def test_a_stated_plate_or_body_that_is_not_there_is_refused(tmp_path):
         tilt_measurement.measure(film, beside, variant="roll", bead_diameter=0.012)
 
 
+@pytest.mark.slow
 def test_a_clip_that_begins_in_the_middle_of_the_run_is_refused(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, fps=40.0, lost=range(46))
     with pytest.raises(NothingToMeasure, match="no place higher on the plate was found that it left"):
         tilt_measurement.measure(film, Camera(frame_rate=40.0), variant="slide", bead_diameter=0.012)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [44, pytest.param(45, marks=pytest.mark.slow)])  # the body lets go at frame 45
 def test_a_clip_that_begins_at_the_onset_is_doubtful(tmp_path, first):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, lost=range(first))
@@ -479,6 +487,7 @@ def test_a_clip_that_begins_at_the_onset_is_doubtful(tmp_path, first):
     assert all(quantity.doubtful for quantity in result.quantities)
 
 
+@pytest.mark.slow
 def test_a_roll_that_contradicts_the_base_plate_makes_angles_doubtful(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, roll_deg=1.5)
     for stated, right in ((1.5, True), (-1.5, False)):
@@ -499,6 +508,7 @@ def test_lost_frames_are_corrected_from_the_turn_of_the_plate(tmp_path):
     assert "3 more are missing" in timing.message
 
 
+@pytest.mark.slow
 def test_lost_frames_with_a_slow_plate_are_found_from_the_run(tmp_path):
     """Every seventh frame is lost; the plate turns by 0.02 degrees per frame."""
     film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, rate_deg=1.0, lost=range(3, 66, 7))
@@ -538,6 +548,7 @@ def test_a_clip_played_backwards_is_named_in_the_error():
         tilt.evaluate(back, [still], variant="slide")
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_smoothed_angle_matches_its_error():
     time = np.linspace(0, 4, 200)
     errors, stated = [], []
@@ -551,6 +562,7 @@ def test_the_uncertainty_of_a_smoothed_angle_matches_its_error():
     assert 0.6 < ratio < 1.6  # 20 records with about four degrees of freedom each
 
 
+@pytest.mark.slow
 def test_many_frames_are_smoothed_with_a_limited_number_of_knots(monkeypatch):
     knots, spline = [], scipy.interpolate.make_smoothing_spline
     monkeypatch.setattr(

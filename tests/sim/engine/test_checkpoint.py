@@ -395,6 +395,7 @@ def pellets(**more) -> pile.Heap:
     return pile.run(BOWL, pellet, STEEL, BEADS, BASE, **{"count": 20, "seed": 5, "settle_limit": 0.1} | more)
 
 
+@pytest.mark.slow
 def test_clumps_under_type_a_do_not_resume_from_a_checkpoint_with_the_old_lever(pellets_of_before):
     with pytest.raises(BadInput, match=r"another run \(rolling lever: not said there, from a contact to the centre"):
         pellets(checkpoint=pellets_of_before("type A"), rolling="type A")

@@ -177,6 +177,7 @@ def shaken(particle=D6, count=150, **more) -> Bulk:
     return bed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("particle", "count"), [(D6, 150), (DUMBBELL, 60)])
 def test_a_bed_at_rest_does_not_creep(particle, count):
     bed = shaken(particle, count)
