@@ -331,7 +331,7 @@ def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, w
     found: list[Edge] = []
     order = np.argsort(-strength)
     for row in order[:60]:
-        if len(found) == 6 or strength[row] < 0.12 * strength[order[0]]:
+        if len(found) == 6 or strength[row] <= 0.12 * strength[order[0]]:
             break
         if any(abs(across[row] - edge.row) < 2 * REACH - 2 for edge in found):
             continue

@@ -1,0 +1,90 @@
+"""Every rig leaves a picture of what was seen where it refuses a film or photo."""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import rigtwin
+from rigtwin.lab.errors import NothingToMeasure
+
+RIGS = {
+    "drop": {"bead_diameter": "6 mm"},
+    "pendulum": {"variant": "double", "length": "200 mm"},
+    "tilt": {"variant": "slide"},
+    "drum": {"drum_diameter": "250 mm", "speed": "10 rpm"},
+    "hopper": {"bin_width": "200 mm"},
+}
+PHOTOS = {"pile": {}, "packing": {"cylinder_diameter": "100 mm"}}
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory) -> Path:
+    """A dot that goes round in circles before noise: no rig shows that."""
+    path = tmp_path_factory.mktemp("film") / "circling.avi"
+    rng = np.random.default_rng(5)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 30, (320, 240))
+    for index in range(60):
+        picture = np.full((240, 320, 3), 120.0) + rng.normal(0, 2, (240, 320, 1))
+        turn = 2 * math.pi * index / 40
+        cv2.circle(picture, (round(160 + 60 * math.cos(turn)), round(120 + 60 * math.sin(turn))), 8, (30, 30, 30), -1)
+        writer.write(np.clip(picture, 0, 255).astype(np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_refused_film_leaves_a_picture_that_the_message_names(rig, film, tmp_path):
+    with pytest.raises(NothingToMeasure) as refusal:
+        rigtwin.measure(rig, film, out=tmp_path, **RIGS[rig])
+    picture = tmp_path / "circling-seen.png"
+    assert str(refusal.value).startswith(f"{film}: ")
+    assert str(refusal.value).endswith(f"; {picture} shows what was seen.")
+    assert [file.name for file in tmp_path.iterdir()] == [picture.name]
+    shown = cv2.imread(str(picture))
+    # the reason stands below the frame
+    assert shown.shape[1] >= 700
+    assert shown.shape[0] > shown.shape[1] * 240 / 320
+    # what changes is outlined in blue, along the circle that the dot runs through
+    blue = (shown[..., 0].astype(int) - shown[..., 2]) > 60
+    rows, columns = np.nonzero(blue[: round(shown.shape[1] * 240 / 320)])
+    zoom = shown.shape[1] / 320
+    assert np.abs(columns / zoom - 160).max() == pytest.approx(68, abs=5)
+    assert np.abs(rows / zoom - 120).max() == pytest.approx(68, abs=5)
+
+
+@pytest.mark.parametrize("rig", PHOTOS)
+def test_a_refused_photo_leaves_a_picture_that_the_message_names(rig, tmp_path):
+    photo = tmp_path / "noise.png"
+    cv2.imwrite(str(photo), np.random.default_rng(1).normal(120, 5, (300, 400)).astype(np.uint8))
+    with pytest.raises(NothingToMeasure) as refusal:
+        rigtwin.measure(rig, photo, out=tmp_path / "out", **PHOTOS[rig])
+    picture = tmp_path / "out" / "noise-seen.png"
+    assert str(refusal.value).endswith(f"; {picture} shows what was seen.")
+    assert cv2.imread(str(picture)).shape[1] >= 700
+
+
+def test_stated_places_are_drawn_in_the_picture_of_a_refusal(tmp_path):
+    photo = tmp_path / "noise.png"
+    cv2.imwrite(str(photo), np.random.default_rng(1).normal(120, 5, (600, 800)).astype(np.uint8))
+
+    def yellow() -> int:
+        shown = cv2.imread(str(tmp_path / "noise-seen.png")).astype(int)
+        return int(np.sum((shown[:600, :, 2] - shown[:600, :, 0] > 80) & (shown[:600, :, 1] - shown[:600, :, 0] > 80)))
+
+    with pytest.raises(NothingToMeasure):
+        rigtwin.measure("packing", photo, out=tmp_path, cylinder_diameter="100 mm")
+    without = yellow()
+    with pytest.raises(NothingToMeasure):
+        rigtwin.measure("packing", photo, out=tmp_path, cylinder_diameter="100 mm", region="100,100,500,400")
+    assert yellow() - without > 4 * 400
+
+
+def test_a_measurement_removes_the_picture_of_an_earlier_refusal(tmp_path):
+    film = Path(rigtwin.__file__).parent / "sample_media" / "drop" / "r01.mp4"
+    left = tmp_path / f"{film.stem}-seen.png"
+    left.write_bytes(b"")
+    rigtwin.measure("drop", film, out=tmp_path, bead_diameter="12 mm")
+    assert not left.exists()
