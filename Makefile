@@ -16,19 +16,21 @@ test-slow: $(READY)
 	$(BIN)/pytest -q -m slow
 
 # what is checked for the words to avoid (docs/word_list.txt)
-PLAIN := *.py *.md benchmarks commands compare docs lab measure sample_media sim tests
+PLAIN := *.py *.md benchmarks commands compare docs lab measure sample_media sim tests training
 
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
+	$(BIN)/python benchmarks/measure/thresholds.py --check
 	$(BIN)/numpydoc lint api.py lab/record_figure.py measure/*/measurement.py
-	$(BIN)/codespell -D docs/word_list.txt --skip docs/word_list.txt $(PLAIN)
+	$(BIN)/codespell -D docs/word_list.txt --skip "docs/word_list.txt,*.onnx" $(PLAIN)
 
 format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+	$(BIN)/python benchmarks/measure/thresholds.py
 
 # every benchmark with few particles, frames and repetitions: shows that it runs; its figures mean nothing
 smoke: $(READY)

@@ -9,22 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.measure.bulk.beads import (
-    FEWEST_BEADS,
-    Beads,
     edges,
-    look_cells,
-    rare,
-    shares,
 )
-from rigtwin.measure.geometry.lines import fullest_run
-
-COVERED = 0.8  # minimum share of the area under the outline that circles cover
 
 
 @dataclass(frozen=True)
@@ -38,11 +28,12 @@ class Disc:
     thickness: float  # [px]
     nearness: float  # [1], disc radius / camera distance, from the focal length: one photo hardly determines it
     support: float  # [1], share of the template on edges
+    fit: float  # [1], probability that its regions are what they should be: heap, face of the base, background
 
     @property
     def sigma(self) -> float:
-        """Standard uncertainty [px] of the rim's height; larger if less of the template lies on edges."""
-        return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support))
+        """Standard uncertainty [px] of the rim's place; larger if less of the template lies on edges or fits."""
+        return 1.5 * (1 + 10 * max(0.0, 0.9 - self.support) + 10 * max(0.0, 0.9 - self.fit))
 
 
 @dataclass(frozen=True)
@@ -85,6 +76,7 @@ class Silhouette:
     alike_behind: float  # [1], mean likeness to beads just above the outline
     bead_seen: float = float("nan")  # bead radius from the picture alone, independent of stated sizes
     stated: float | None = None  # standard uncertainty of both ends of a base line that was stated
+    depression_sigma: float = 0.0  # [deg], of the line of sight to a base line that was stated
 
     @property
     def base_line_uncertainty(self) -> tuple[float, float]:
@@ -93,145 +85,6 @@ class Silhouette:
             return self.stated / math.sqrt(2), self.stated / (math.sqrt(2) * self.view.radius)
         height = self.disc.sigma if self.disc is not None else 0.5 * self.bead_radius
         return height, height / max(self.view.radius, 0.5 * float(np.ptp(self.x)))
-
-
-def outline_of(
-    image: Image, alike: npt.NDArray[np.float32], beads: Beads, view: View, *, solid: bool = False
-) -> Silhouette | None:
-    """Find the border between beads and background, column by column above the base line.
-
-    Parameters
-    ----------
-    image : array, shape (height, width, 3), uint8
-        The photo in BGR order.
-    alike : array, shape (height, width)
-        Likeness of every pixel to beads, 0 to 1 (see `beads.likeness`).
-    beads : Beads
-        Circles found in the heap [px].
-    view : View
-        Pose of the base line in the picture [px, rad].
-    solid : bool, optional
-        Everything below the uppermost circles is beads, as in a filled cylinder; gaps are ignored.
-
-    Returns
-    -------
-    Silhouette or None
-        The outline with its quality measures. `disc` is None and `zoom` is 1; the caller sets them. None if fewer than
-        `FEWEST_BEADS` circles lie above the base line, or if the outline is narrower than six bead radii.
-
-    Notes
-    -----
-    The evidence e for beads is the log odds of `alike` plus the log ratio of two local colour histograms, reduced with
-    the height above the circles. The border b(c) minimises the sum over columns c of
-
-    sum_r +-e(r, c) / 3 - 0.35 R E(b, c) + 0.15 |b(c) - b(c - 1)|
-
-    where the sign is + above and - below the border, E is the edge strength and R the bead radius [px].
-    """
-    across = beads.centre - np.array(view.origin)
-    cos, sin = np.cos(view.roll), np.sin(view.roll)
-    u, h = across @ np.array([cos, sin]), across @ np.array([sin, -cos])
-    above = h > 0
-    if np.sum(above) < FEWEST_BEADS:
-        return None
-    u, h = u[above], h[above]
-    reach = max(view.radius, float(np.abs(u).max())) + 4 * beads.radius
-    top = float(h.max()) + 6 * beads.radius
-    columns = np.arange(-np.ceil(reach), np.ceil(reach) + 1)
-    rows = np.arange(np.ceil(top), -1, -1.0)  # from the top down to the base line
-    points = view.to_picture(np.tile(columns, len(rows)), np.repeat(rows, len(columns))).reshape(len(rows), -1, 2)
-    map_x, map_y = points[..., 0].astype(np.float32), points[..., 1].astype(np.float32)
-    seen = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    level = np.asarray(seen, dtype=np.uint8)
-    colour = cv2.remap(alike, map_x, map_y, cv2.INTER_LINEAR, borderValue=0.0).astype(np.float64)
-    higher = _above_beads(columns, rows, u, h, beads.radius)
-    evidence = np.log((colour + 0.02) / (1.02 - colour)) + _against_local_sky(level, higher, colour, beads.radius)
-    # the further above the circles, the stronger the colour evidence must be
-    evidence = np.clip(np.clip(evidence, -3, 3) - 1.2 * higher, -3, 3)
-    if solid:
-        evidence = np.where(_above_beads(columns, rows, u, h - 2.4 * beads.radius, beads.radius) == 0, 3.0, evidence)
-    borders = edge_map(level)
-    readings = np.stack([evidence + shift for shift in (0.0, 0.8, -0.8)])
-    usual, looser, stricter = (
-        bead_shaped(border, beads.radius) for border in cheapest_borders(readings, borders, 0.35 * beads.radius)
-    )
-    fine, clearness = sub_pixel(borders, usual)
-    # the foot of a heap is as steep as the side of a bead: a flat tail belongs to an object behind it
-    empty = usual >= len(rows) - 1 - 0.5 * beads.radius
-    first, last = fullest_run(~empty, gap=int(2 * beads.radius) + 1) or (0, -1)
-    empty[:first] = empty[last + 1 :] = True
-    if np.sum(~empty) < 6 * beads.radius:
-        return None
-
-    def as_height(border: Array) -> Array:
-        return np.where(empty, np.nan, rows[0] - border)
-
-    heap = ~empty
-    edge_x, edge_y = points[usual.astype(int), np.arange(len(columns))].T
-    margin = (edge_x < 2) | (edge_y < 2) | (edge_x > image.shape[1] - 3) | (edge_y > image.shape[0] - 3)
-    return Silhouette(
-        x=columns,
-        height=as_height(fine),
-        looser=as_height(looser),
-        stricter=as_height(stricter),
-        sigma=0.7,
-        contrast=float(np.median(clearness[heap])),
-        bead_radius=beads.radius,
-        view=view,
-        disc=None,
-        zoom=1.0,
-        cut_off=bool(np.any(margin & heap)),
-        covered=_covered(columns, rows, usual, heap, np.column_stack([u, h]), beads.radius),
-        alike_behind=float(np.mean(_just_above(colour, usual, beads.radius)[:, heap])),
-    )
-
-
-def _covered(
-    columns: Array, rows: Array, border: Array, heap: npt.NDArray[np.bool_], centre: Array, radius: float
-) -> float:
-    under = (np.arange(len(rows))[:, None] > border[None, :]) & heap[None, :]
-    circles = np.zeros(under.shape, np.uint8)
-    for u, h in centre:
-        cv2.circle(circles, (round(u - columns[0]), round(rows[0] - h)), round(radius), 1, -1)
-    return float(np.mean(circles[under])) if under.any() else 0.0
-
-
-def _just_above(values: Array, border: Array, radius: float) -> Array:
-    """Values 0.2 to 1.2 bead radii above the border, shape (6, columns)."""
-    rows = border[None, :] - np.linspace(0.2, 1.2, 6)[:, None] * radius
-    return np.take_along_axis(values, np.clip(np.rint(rows), 0, len(values) - 1).astype(np.int64), axis=0)
-
-
-def _above_beads(columns: Array, rows: Array, u: Array, h: Array, radius: float) -> Array:
-    """Height of each pixel above the circles in bead radii, 0 below them, shape (rows, columns)."""
-    from scipy.ndimage import grey_closing
-
-    envelope = np.zeros(len(columns))
-    for centre_u, centre_h in zip(u, h, strict=True):
-        near = np.abs(columns - centre_u) < 1.5 * radius
-        envelope[near] = np.maximum(envelope[near], centre_h + 1.2 * radius)
-    closed = np.asarray(grey_closing(envelope, size=(int(6 * radius) | 1,)))
-    return np.asarray(np.maximum((rows[:, None] - closed[None, :]) / radius, 0))
-
-
-def _against_local_sky(level: Image, higher: Array, colour: Array, radius: float) -> Array:
-    """Evidence of a pixel's colour for beads against the local background, shape (rows, columns).
-
-    Log ratio of two histograms: the beads, and the strip above the circles within a few beads to both sides.
-    """
-    index = look_cells(level, radius)
-    inside = index[(higher == 0) & (colour > 0.5)]
-    beads = shares(inside)
-    little = rare(beads, inside)
-    sky = (higher > 0.8) & (higher < 6.0)
-    answer = np.zeros_like(colour)
-    width, stride = level.shape[1], max(int(1.5 * radius), 1)
-    for left in range(0, width, stride):
-        window = slice(max(left - stride, 0), min(left + 2 * stride, width))
-        strip = slice(left, min(left + stride, width))
-        behind = shares(index[:, window][sky[:, window]])
-        answer[:, strip] = np.log((beads + 0.1 * little) / (behind + little))[index[:, strip]]
-    return np.clip(answer, -3, 3)
 
 
 def edge_map(level: Image) -> Array:

@@ -187,7 +187,13 @@ def gauge_pitch(bed: Bed) -> float:
 def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, bead: float | None) -> list[Check]:
     checks = []
     same = False
-    if bed.gauge is None:
+    if bed.gauge is None and math.isfinite(bed.elsewhere):
+        message = (
+            f"the gauge's millimetre is {bed.elsewhere:.3f} times the cylinder's, and the beads agree with that:"
+            " the gauge stands before or behind the axis and was not used."
+        )
+        checks.append(Check("gauge", True, bed.elsewhere, 1.0, message))
+    elif bed.gauge is None:
         checks.append(
             Check(
                 "gauge",

@@ -112,7 +112,7 @@ def _scale(
         return camera.given_scale / bed.silhouette.zoom, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
     wall = None if cylinder is None else cylinder / bed.width
     seen = 0.0 if camera.cylinder is None else math.sqrt(2) * bed.stated.sigma / bed.width
-    uncertainty = math.hypot(WALL_UNCERTAINTY, seen)
+    uncertainty = math.hypot(WALL_UNCERTAINTY, bed.wall_sigma, seen)
     if bed.gauge is not None:
         pitch = gauge_pitch(bed)
         if wall is None or abs(pitch / wall - 1) < SAME_PLANE:

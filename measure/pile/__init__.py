@@ -12,7 +12,6 @@ Parts of this rig:
 
 - `silhouette`: find the heap in the picture and correct its outline for perspective
 - `base_disc`: find the round base by a template fit
-- `picture_classes`: divide a picture into classes of colour and texture
 - `outline_above`: outline of what stands on a known base line
 - `repose_angles`: definitions of the graphical and geometric angles
 """

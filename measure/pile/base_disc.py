@@ -1,9 +1,9 @@
 """Find the round base under a heap: ends of its rim, roll, and how steeply the camera looks down on it.
 
 The base is a disc seen from slightly above.  Its front rim is half an ellipse, its lower edge another half ellipse
-below, its sides are two vertical walls.  The regions of this template, that is the core of the heap above the rim, the
-face below it, the background around both, differ in colour and texture, and its lines are edges.  It is fitted to the
-picture by differential evolution.
+below, its sides are two vertical walls.  This template is fitted by differential evolution: its lines are edges of the
+picture, and its regions, that is the heap above the rim, the face below it, the background around both, have the
+classes that a network gives (`rigtwin.measure.bulk.grain_classes`).
 """
 
 from __future__ import annotations
@@ -17,22 +17,24 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array, GreyImage, Image
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 from rigtwin.measure.bulk.beads import Edges, edges
+from rigtwin.measure.bulk.grain_classes import Grain, most_grains
 from rigtwin.measure.bulk.outline import Disc
-from rigtwin.measure.pile.picture_classes import PictureClasses, classes_of, divergences
 from rigtwin.measure.robust import mad_std
 
 Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
 
-LEAST_SUPPORT = 0.6  # least share of lower rim and walls on edges, else another thing may have been found
+LEAST_SUPPORT = 0.5  # least share of lower rim and walls on edges, else another thing may have been found
+LEAST_FIT = 0.6  # least mean probability that the regions of the template are what they should be
 WORSE = 0.05  # loss of support beyond which sub-pixel edges were those of something else
 LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
-LEAST_WIDTH = 0.24  # [picture widths] of a base
-ISLANDS, ISLANDERS, SURVIVORS = 5, 100, 40  # parts of the height with the front rim, candidates of each, later
-ISLAND_GENERATIONS, GENERATIONS = 35, 35
+CANDIDATES, GENERATIONS = 120, (35, 35)  # of the search in the blurred and in the finer picture
+MARGIN = 0.1  # [widths], by which the base's ends may lie elsewhere than the classes say
+LEAST_BASE = 0.02  # pixels of the base per pixel of grains, else none is seen
 SAMPLES = (20, 40)  # points along a rim, at first and for the final search
 POINTS = (32, 96)  # points in a region, likewise
+WORKED = 500  # [px], width of the picture of the classes
 LEADERS = 12  # best candidates around which mutants are made
 CROSSED = 0.7  # crossover probability per number of a candidate
 ALIKE = 1e-3  # relative spread of the costs at which a search stops
@@ -48,15 +50,17 @@ FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro
 FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the above
 
 
-# weights of the differences between regions of the template; below 0: they should be alike
-CONTRASTS = {
-    ("core", "sky"): 4.0,
-    ("core", "face"): 4.0,
-    ("core", "beside heap"): 2.0,
-    ("core", "foot"): -2.0,
-    ("face", "beside face"): 1.0,
-    ("face", "left end of face"): -0.6,
-    ("face", "right end of face"): -0.6,
+# class that a region of the template should have (None: neither grains nor base), and its weight
+REGIONS = {
+    "core": (Grain.GRAINS, 2.0),
+    "foot": (Grain.GRAINS, 0.5),
+    "sky": (None, 2.0),
+    "beside heap": (None, 1.0),
+    "face": (Grain.BASE, 2.0),
+    "left end of face": (Grain.BASE, 0.7),
+    "right end of face": (Grain.BASE, 0.7),
+    "beside face": (None, 1.5),
+    "below face": (None, 1.0),
 }
 
 
@@ -95,47 +99,44 @@ def nearness(half: Numbers, focal_length: float) -> Array:
     return np.asarray(np.minimum(half / focal_length, 0.5))
 
 
-def find_disc(image: Image, grey: GreyImage, *, focal_length: float, roll: float | None) -> Disc | None:
+def find_disc(classes: FloatImage, grey: GreyImage, *, focal_length: float, roll: float | None) -> Disc | None:
     """Find the disc under a heap; None if none is visible.
 
-    `image` is the picture in BGR order and `grey` its brightness, `focal_length` in px, `roll` [rad] the stated roll of
-    the camera.  A stated roll only widens the search, to both sides, so that the fitted roll can be used to check it
-    and its sign.
+    `classes` are the probabilities of the classes `Grain`, shape (height, width, 4), `grey` is the brightness,
+    `focal_length` [px], `roll` [rad] the stated roll of the camera.  A stated roll only widens the search, to both
+    sides, so that the fitted roll can be used to check it and its sign.
     """
-    classes = classes_of(image)
+    bounds = _bounds(classes, roll)
+    if bounds is None:
+        return None
     costs = [
-        _Cost(edges(grey, blur=blur), classes, _sample_points(points), focal_length, samples)
+        _Cost.of(classes, edges(grey, blur=blur), _sample_points(points), focal_length, samples)
         for blur, points, samples in zip((2.5, 1.5), POINTS, SAMPLES, strict=True)
     ]
-    best = _candidate(_search(costs, _bounds(grey.shape, roll)))
+    place = _search(costs, bounds)
+    best, fit = _candidate(place), costs[-1].fit(place)
     fine = edges(grey, blur=1.2)
     candidates = np.array([_sharpened(grey, fine, best, focal_length), best])
     lower, left, right, *_ = _support(fine, _Template(*candidates.T[..., None]), focal_length, 160)
     supports, walls = (2 * lower + left + right) / 4, (left + right) / 2
     at = int(supports[1] > supports[0] + WORSE)  # sub-pixel edges that were others' leave the template worse supported
     candidate, support = candidates[at], float(supports[at])
-    if support < LEAST_SUPPORT or walls[at] < LEAST_WALL:
+    if support < LEAST_SUPPORT or walls[at] < LEAST_WALL or fit < LEAST_FIT:
         return None
     template = _Template(*candidate[:, None, None])
     _, _, half, turn, _, thickness = (float(value) for value in candidate)
     x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
     bulge, near = float(template.bulge(focal_length)[0, 0]), float(nearness(template.half, focal_length)[0, 0])
-    return Disc((x, y), half, turn, bulge * half, thickness * half, near, support)
+    return Disc((x, y), half, turn, bulge * half, thickness * half, near, support, fit)
 
 
 def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
-    """Candidate with the least cost: one island per height range of the front rim, then each on the finer picture.
-
-    With a single population, strong edges above or below the disc would attract all candidates.
-    """
-    sills = np.linspace(bounds[2, 0], bounds[2, 1], ISLANDS + 1)
-    parts = np.repeat(bounds[None], ISLANDS, axis=0)
-    parts[:, 2] = np.column_stack([sills[:-1] - 0.2 * np.diff(sills), sills[1:]])
-    islands, energies = _evolved(costs[0], parts, None, ISLAND_GENERATIONS)
-    best = np.argsort(energies, axis=1)[:, :SURVIVORS]
-    population, energies = _evolved(costs[1], parts, np.take_along_axis(islands, best[..., None], axis=1), GENERATIONS)
-    island, place = np.unravel_index(np.argmin(energies), energies.shape)
-    return np.asarray(population[island, place])
+    """Candidate with the least cost: in the blurred picture, then in the finer one."""
+    population: Array | None = None
+    for cost, generations in zip(costs, GENERATIONS, strict=True):
+        population, energies = _evolved(cost, bounds, population, generations)
+    assert population is not None
+    return np.asarray(population[np.argmin(energies)])
 
 
 def _evolved(
@@ -143,41 +144,32 @@ def _evolved(
 ) -> tuple[Array, Array]:
     """Minimise by differential evolution, best/1/bin (Storn and Price 1997).
 
-    Returns populations, shape (islands, candidates, numbers), and their costs.  Mutants are made around several leaders
-    (Zhang and Sanderson 2009): around the best alone a population may converge on an edge that is not the disc's.
+    Returns the population, shape (candidates, numbers), and its costs.  Mutants are made around several leaders (Zhang
+    and Sanderson 2009): around the best alone a population may converge on an edge that is not the disc's.
 
-    `bounds` has shape (islands, numbers, 2).  `start` holds the first populations; if None they fill the bounds evenly.
-    The run time depends on the number of cost calls, so all islands are evaluated in one call.
+    `bounds` has shape (numbers, 2).  `start` holds the first population; if None it fills the bounds evenly.
     """
     random = np.random.default_rng(len(bounds))
-    low, span = bounds[:, None, :, 0], np.maximum(np.diff(bounds, axis=2), 1e-12)[:, None, :, 0]
-    islands, size = bounds.shape[:2]
+    low, span, size = bounds[:, 0], np.maximum(np.diff(bounds, axis=1), 1e-12)[:, 0], len(bounds)
     if start is None:  # a Latin hypercube
-        rows = np.argsort(random.random((islands, ISLANDERS, size)), axis=1)
-        population = (rows + random.random(rows.shape)) / ISLANDERS
+        rows = np.argsort(random.random((CANDIDATES, size)), axis=0)
+        population = (rows + random.random(rows.shape)) / CANDIDATES
     else:
         population = np.clip((start - low) / span, 0, 1)
-    count = population.shape[1]
-
-    def costs(of: Array) -> Array:
-        return cost((low + span * of).reshape(-1, size).T).reshape(islands, count)
-
-    def members(which: npt.NDArray[np.int64]) -> Array:
-        return np.asarray(np.take_along_axis(population, which[..., None], axis=1))
-
-    energies = costs(population)
+    count = len(population)
+    energies = cost((low + span * population).T)
     for _ in range(generations):
-        one, other = random.integers(0, count, (2, islands, count))
-        leader = np.take_along_axis(np.argsort(energies, axis=1), random.integers(0, LEADERS, (islands, count)), axis=1)
-        mutant = members(leader) + random.uniform(0.5, 1) * (members(one) - members(other))
+        one, other = population[random.integers(0, count, (2, count))]
+        leader = population[np.argsort(energies)[random.integers(0, LEADERS, count)]]
+        mutant = leader + random.uniform(0.5, 1) * (one - other)
         crossed = random.random(population.shape) < CROSSED
-        np.put_along_axis(crossed, random.integers(0, size, (islands, count, 1)), True, axis=2)
+        crossed[np.arange(count), random.integers(0, size, count)] = True
         trial = np.where(crossed, mutant, population)
         trial = np.where((trial < 0) | (trial > 1), random.random(trial.shape), trial)
-        found = costs(trial)
+        found = cost((low + span * trial).T)
         better = found <= energies
         population[better], energies[better] = trial[better], found[better]
-        if np.all(np.std(energies, axis=1) <= ALIKE * np.abs(np.mean(energies, axis=1))):
+        if np.std(energies) <= ALIKE * abs(np.mean(energies)):
             break
     return low + span * population, energies
 
@@ -312,14 +304,23 @@ def _first_edge(departure: Array, plain: npt.NDArray[np.bool_], least: float) ->
     return row - min((float(departure[row]) - level) / max(float(departure[row]) - before, 1e-9), 1.0)
 
 
-def _bounds(shape: tuple[int, ...], roll: float | None) -> Array:
-    height, width = shape[:2]
-    turn = max(MOST_ROLL, abs(roll or 0.0) + BASE_LEANS)
+def _bounds(classes: FloatImage, roll: float | None) -> Array | None:
+    """Limits of the numbers of `_candidate`, shape (6, 2), around the base under most grains; None if there is none."""
+    region = most_grains(classes)
+    if region is None:
+        return None
+    kind = np.argmax(classes, axis=2)
+    seen = region & (kind == Grain.BASE)
+    if np.sum(seen) < LEAST_BASE * np.sum(region & (kind == Grain.GRAINS)):
+        return None
+    columns, rows = np.nonzero(seen.any(axis=0))[0], np.nonzero(seen.any(axis=1))[0]
+    left, right, front = float(columns[0]), float(columns[-1] + 1), float(rows[-1] + 1)
+    turn, slack = max(MOST_ROLL, abs(roll or 0.0) + BASE_LEANS), MARGIN * (right - left)
     return np.array(
         [
-            (-0.05 * width, 0.7 * width),
-            (0.3 * width, 1.05 * width),
-            (0.2 * height, height),
+            (left - slack, left + slack),
+            (right - slack, right + slack),
+            (front - slack, front + slack),
             (-turn, turn),
             (0.0, 0.4),  # camera looking down by up to 20 degrees
             (0.02, 0.4),
@@ -364,47 +365,73 @@ def _sample_points(count: int) -> dict[str, _SamplePoints]:
         "face": first(spread((0.0, 0.92), (0.1, 0.9))),
         "left end of face": first(one_side(-0.985, -0.88)),
         "right end of face": first(one_side(0.88, 0.985)),
+        "below face": first(spread((0.0, 0.9), (0.02, 0.1))),
     }
 
 
 @dataclass(frozen=True)
 class _Cost:
-    """Cost of candidates: edges on their lines; regions of the template that should differ in looks, or be alike.
+    """Cost of candidates: edges on their lines, classes of their regions.
 
-    The lower rim has the largest weight among the edges: it is the longest, and nothing stands in front of it.  The
-    weights were set on photos of ray-traced heaps of two renderers.
+    The lower rim has the largest weight among the edges: it is the longest, and nothing stands in front of it.
     """
 
     picture: Edges
-    classes: PictureClasses
+    classes: FloatImage  # probability of grains, of the base and of neither, shape (height, width, 3), reduced
+    zoom: float  # px of the classes per px of the picture
     points: dict[str, _SamplePoints]
     focal_length: float
     samples: int  # points along a rim
+
+    @classmethod
+    def of(
+        cls, classes: FloatImage, picture: Edges, points: dict[str, _SamplePoints], focal_length: float, samples: int
+    ) -> _Cost:
+        zoom = min(1.0, WORKED / classes.shape[1])
+        some = classes[..., Grain.GRAINS : Grain.BASE + 1]
+        small = cv2.resize(some, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)
+        three = np.dstack([small, 1 - small.sum(axis=2)])
+        return cls(picture, np.asarray(three, dtype=np.float32), zoom, points, focal_length, samples)
 
     def __call__(self, places: Array) -> Array:
         """Cost of places, shape (6, n), in the numbers of `_candidate`."""
         template = _Template(*_candidate(places).astype(np.float32)[..., None])
         lower, left, right, upper, uneven = _support(self.picture, template, self.focal_length, self.samples)
-        apart = divergences(self._shares(template), list(CONTRASTS))
         score = 2 * lower + 0.45 * (left + right + np.minimum(left, right)) + 0.5 * upper - uneven
-        score += sum(weight * bits for weight, bits in zip(CONTRASTS.values(), apart, strict=True))
-        score -= THICK * template.thickness[:, 0]
-        narrow = LEAST_WIDTH * self.picture.x.shape[1] / (2 * np.maximum(template.half[:, 0], 1)) - 1
-        return np.asarray(-score + 10 * np.maximum(narrow, 0))
+        return np.asarray(THICK * template.thickness[:, 0] - score - self._fit(template))
 
-    def _shares(self, template: _Template) -> dict[str, Array]:
-        """Shares of the picture's classes in every region, shape (n, classes)."""
+    def fit(self, place: Array) -> float:
+        """Mean probability that the regions of one place, shape (6,), have the classes that they should have."""
+        template = _Template(*_candidate(place[:, None]).astype(np.float32)[..., None])
+        return float(self._fit(template)[0]) / sum(weight for _, weight in REGIONS.values())
+
+    def _fit(self, template: _Template) -> Array:
+        """Weighted mean probability that the regions have the classes that they should have, shape (n,)."""
         bulge = template.bulge(self.focal_length)
         x, y = [], []
         for name, points in self.points.items():
             arc = np.sqrt(np.maximum(1 - points.along * points.along, 0))
             rim = bulge * arc - template.thickness
-            down = rim + points.above * (template.low * arc - rim) if "face" in name else rim - points.above
+            low = template.low * arc
+            if name == "below face":
+                down = low + points.above
+            elif "face" in name:
+                down = rim + points.above * (low - rim)
+            else:
+                down = rim - points.above
             place = template.pixel(points.along[None, :], down)
             x.append(place[0])
             y.append(place[1])
-        sizes = {name: len(points.along) for name, points in self.points.items()}
-        return self.classes.shares(np.concatenate(x, axis=1), np.concatenate(y, axis=1), sizes)
+        map_x, map_y = (np.asarray(self.zoom * np.concatenate(part, axis=1), dtype=np.float32) for part in (x, y))
+        seen = cv2.remap(self.classes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        layer = {Grain.GRAINS: 0, Grain.BASE: 1, None: 2}
+        fit, start = np.zeros(len(map_x)), 0
+        for name, points in self.points.items():
+            kind, weight = REGIONS[name]
+            end = start + len(points.along)
+            fit += weight * seen[:, start:end, layer[kind]].mean(axis=1)
+            start = end
+        return fit
 
 
 def _support(picture: Edges, template: _Template, focal_length: float, samples: int) -> Array:

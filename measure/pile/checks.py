@@ -73,8 +73,10 @@ def size_checks(
     """Check the apparent bead size against the stated one, or else a warning about the one size that sets the scale."""
     if scale is None:
         return (), ""
-    if bead_diameter is None or scale_from == "bead diameter":
-        if bead_diameter is None:
+    if bead_diameter is None or scale_from == "bead diameter" or not math.isfinite(found.bead_seen):
+        if not math.isfinite(found.bead_seen):
+            advice = "no round bead shows it; give --base-diameter or --scale"
+        elif bead_diameter is None:
             advice = "give --bead-diameter too"
         elif base_diameter is None:
             advice = "give --base-diameter too, with the whole base in view"

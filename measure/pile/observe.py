@@ -32,7 +32,7 @@ from rigtwin.measure.pile.checks import (
     uneven_flanks,
 )
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
-from rigtwin.measure.pile.silhouette import USUAL_DEPRESSION, find_heap, undo_view
+from rigtwin.measure.pile.silhouette import find_heap, undo_view
 
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
@@ -53,6 +53,8 @@ BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
 )  # relative standard uncertainty of a scale from beads, and of a given one
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
+
+UNFIT = 0.8  # mean probability of the regions of the base below which it may be another thing
 
 UNSURE = 0.2  # share of the outline that another threshold moves by more than a bead radius
 
@@ -230,7 +232,8 @@ def _variants(
     if found.stated is not None:
         distance = view.camera_distance
         if math.isfinite(distance):
-            lowest, highest = (distance * math.tan(math.radians(down)) for down in (0.0, 2 * USUAL_DEPRESSION))
+            seen, off = view.looking_down, found.depression_sigma
+            lowest, highest = (distance * math.tan(math.radians(down)) for down in (max(seen - off, 0.0), seen + off))
             pairs["camera height"] = (
                 (replace(view, camera_height=lowest), height),
                 (replace(view, camera_height=highest), height),
@@ -269,7 +272,12 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the outline has hardly any contrast to the background"
     if found.alike_behind > ALIKE_BEHIND or found.covered < DOUBTFUL_COVER:
         return "the heap hardly differs from the background"
-    if found.disc is not None and found.view.looking_down > STEEPEST_VIEW:
+    if found.disc is not None and found.disc.fit < UNFIT:
+        return (
+            f"heap, base and background lie where they should by only {100 * found.disc.fit:.0f} %: another thing may "
+            "have been taken for the base; --base states it"
+        )
+    if found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down
         return (
             f"the camera looks down by {down:.0f} degrees and sees no vertical section; photograph from less than "

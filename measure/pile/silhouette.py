@@ -8,21 +8,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from rigtwin.lab.arrays import Array, GreyImage, Image
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Image, Mask
 from rigtwin.lab.camera import STATED_SIGMA, Flank, Line
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
-from rigtwin.measure.bulk.beads import (
-    Beads,
-    edges,
-    find_beads,
-    likeness,
-    look_cells,
-    more_beads,
-    rim_radius,
-)
+from rigtwin.measure.bulk.beads import Beads, find_beads, rim_radius
+from rigtwin.measure.bulk.grain_classes import Grain, grain_classes, most_grains
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
+from rigtwin.measure.bulk.outline_above import outline_above
 from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc, nearness
-from rigtwin.measure.pile.outline_above import outline_above
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 FINEST = 1000  # [px], width of the analysed picture; 1400 does not improve the angles of the sample heap
@@ -31,13 +24,16 @@ TALLEST = 2.0  # ratio of height to width above which the height of the picture 
 
 USUAL_DEPRESSION = 3.0  # [deg], of the line of sight where nothing shows it, and its standard uncertainty
 
+SEEN_DEPRESSION = 1.5  # [deg], standard uncertainty where rim or foot show it
+
 USUAL_BEADS = 25  # bead diameters across a base where neither sizes nor circles are known
 
 LEAST_MATTER, MOST_ALIKE = 0.6, 0.45  # mean likelihood of matter below and above the border of any heap
 
 SIZE_RANGE = 2.0  # largest ratio of the apparent to the stated size of beads that is searched
 
-PART = 0.1  # least size of a group of circles against the largest group: gaps divide a thin heap
+LEAST_GRAINS = 0.003  # share of the picture
+LEAST_LIKELY = 0.7  # mean probability of grains in their region: 0.78 and more in photos of heaps, 0.66 in noise
 
 COARSE = 900  # [px], width of the reduced picture that is searched for beads
 
@@ -95,30 +91,21 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     exposure = exposure_of(grey[::2, ::2])
     image, grey = exposure.applied(image), exposure.applied(grey)
-    disc = find_disc(image, grey, focal_length=focal_length * zoom, roll=roll)
+    classes = grain_classes(image)
+    grains = _grains(classes)
+    disc = find_disc(classes, grey, focal_length=focal_length * zoom, roll=roll)
     if disc is not None:
         view = span = _view_of_disc(disc)
         stated = None if beads_across is None else view.radius / beads_across
-        circles = _beads(_around(grey, disc), stated)
-        if circles is None:
-            (x, y), half = disc.centre, disc.half_width
-            rim = Mark("base", [((x - half) / zoom, y / zoom), ((x + half) / zoom, y / zoom)])
-            raise NothingToMeasure(
-                f"no touching circles of one size (beads) on a base disc that is {2 * half / zoom:.0f} px wide",
-                Seen(marks=(rim,)),
-            )
-        beads, bead_seen = circles
-        radius = beads.radius if stated is None else stated
-    elif (circles := _beads(grey)) is not None:
-        beads, bead_seen = circles
-        rims, alike = edges(grey), likeness(image, beads, look_cells(image, beads.radius, textured=True))
-        beads = more_beads(rims, alike, beads, least_group=PART)
-        view, radius = _view_of_feet(beads, roll), beads.radius
-        across = (beads.centre - np.array(view.origin)) @ np.array([np.cos(view.roll), np.sin(view.roll)])
-        span = replace(view, radius=float(np.abs(across).max()) + radius)
+        circles, usual = _beads(_around(grey, disc), stated), view.radius / USUAL_BEADS
     else:
-        raise NothingToMeasure("neither a round base nor touching circles of one size (beads)")
-    found = outline_above(image, span, radius)
+        stated, circles = None, _beads(grey)
+        view, half = _view_of_feet(grains, roll, focal_length * zoom)
+        span, usual = replace(view, radius=half), half / USUAL_BEADS
+    # cubes and pebbles show no circles
+    beads, bead_seen = circles or (Beads(np.empty((0, 2)), usual), math.nan)
+    radius = beads.radius if stated is None else stated
+    found = outline_above(image, classes, span, radius)
     if found is None:
         raise NothingToMeasure(_no_outline(span, zoom), _seen(beads, zoom))
     found = replace(found, view=view, disc=disc, zoom=zoom, bead_seen=bead_seen)
@@ -152,24 +139,32 @@ def _heap_on(
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
     image = exposure_of(grey[::2, ::2]).applied(image)
     (x1, y1), (x2, y2) = ((x * zoom, y * zoom) for x, y in base)
-    half = math.hypot(x2 - x1, y2 - y1) / 2
-    distance = half / float(nearness(np.array(half), focal_length * zoom))
-    if flank in ("left", "right"):  # a slope against a wall is no cone
-        distance = math.inf
-    down = math.tan(math.radians(USUAL_DEPRESSION))
-    view = View(
-        ((x1 + x2) / 2, (y1 + y2) / 2),
-        math.atan2(y2 - y1, x2 - x1),
-        half,
-        distance * down if math.isfinite(distance) else 0.0,
-        distance,
-    )
+    half, turn = math.hypot(x2 - x1, y2 - y1) / 2, math.atan2(y2 - y1, x2 - x1)
+    distance, down, sigma = math.inf, 0.0, 0.0
+    classes = grain_classes(image)
+    if flank not in ("left", "right"):  # a slope against a wall is no cone
+        distance = half / float(nearness(np.array(half), focal_length * zoom))
+        seen = _depression(classes, grey, focal_length * zoom, turn)
+        down, sigma = (USUAL_DEPRESSION, USUAL_DEPRESSION) if seen is None else (seen, SEEN_DEPRESSION)
+    height = distance * math.tan(math.radians(down)) if math.isfinite(distance) else 0.0
+    view = View(((x1 + x2) / 2, (y1 + y2) / 2), turn, half, height, distance)
     circles = _beads(grey) if beads_across is None else None
     radius = half / beads_across if beads_across is not None else circles[0].radius if circles else half / USUAL_BEADS
-    found = outline_above(image, view, radius, flank)
+    found = outline_above(image, classes, view, radius, flank)
     if found is None:
         raise NothingToMeasure(_no_outline(view, zoom))
-    return replace(found, zoom=zoom, stated=STATED_SIGMA * zoom)
+    return replace(found, zoom=zoom, stated=STATED_SIGMA * zoom, depression_sigma=sigma)
+
+
+def _depression(classes: FloatImage, grey: GreyImage, focal_length: float, roll: float) -> float | None:
+    """Depression of the line of sight [deg] by the rim of the base, or else by the foot of the heap."""
+    try:
+        grains = _grains(classes)
+    except NothingToMeasure:
+        return None
+    disc = find_disc(classes, grey, focal_length=focal_length, roll=roll)
+    view = _view_of_disc(disc) if disc is not None else _view_of_feet(grains, roll, focal_length)[0]
+    return view.looking_down
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:
@@ -234,14 +229,56 @@ def _view_of_disc(disc: Disc) -> View:
     return View(origin, disc.roll, float(radius), disc.bulge * (1 - q * q) / q, float(radius / q))
 
 
-def _view_of_feet(beads: Beads, roll: float | None) -> View:
-    """View without a visible disc: the base line runs under the outermost beads."""
-    order = np.argsort(beads.centre[:, 0])
-    few = max(2, len(order) // 12)
-    feet = [beads.centre[part][np.argmax(beads.centre[part][:, 1])] for part in (order[:few], order[-few:])]
-    turn = float(np.arctan2(feet[1][1] - feet[0][1], feet[1][0] - feet[0][0])) if roll is None else roll
-    middle = (feet[0] + feet[1]) / 2
-    return View((float(middle[0]), float(middle[1] + beads.radius)), turn, 0.0, 0.0, float("inf"))
+def _grains(classes: FloatImage) -> Mask:
+    """The largest region of grains."""
+    region = most_grains(classes)
+    kind = np.argmax(classes, axis=2)
+    grains = np.zeros(kind.shape, dtype=bool) if region is None else region & (kind == Grain.GRAINS)
+    share = float(np.mean(grains))
+    if share < LEAST_GRAINS:
+        raise NothingToMeasure(
+            f"the largest region that looks like grains covers {100 * share:.2g} % of the picture, "
+            f"{100 * LEAST_GRAINS:g} % are needed"
+        )
+    likely = float(np.mean(classes[..., Grain.GRAINS][grains]))
+    if likely < LEAST_LIKELY:
+        raise NothingToMeasure(
+            f"the largest region that looks like grains, {100 * share:.2g} % of the picture, has a mean probability "
+            f"of {likely:.2f}, {LEAST_LIKELY} is needed"
+        )
+    if grains[0].any() and grains[:, 0].any() and grains[:, -1].any():
+        raise NothingToMeasure(
+            f"what looks like grains, {100 * share:.0f} % of the picture, reaches its left, right and upper edge"
+        )
+    return grains
+
+
+def _view_of_feet(grains: Mask, roll: float | None, focal_length: float) -> tuple[View, float]:
+    """View without a visible disc, and half the heap's width: the base line runs through the outermost grains.
+
+    The foot of a round heap is an ellipse, whose front is the lower border of the grains.
+    """
+    from scipy.optimize import least_squares
+
+    columns = np.nonzero(grains.any(axis=0))[0]
+    lowest = len(grains) - np.argmax(grains[::-1, columns], axis=0) - 0.5
+    centre, half = (columns[0] + columns[-1]) / 2, (columns[-1] - columns[0] + 1) / 2
+    along = (columns - centre) / half
+    arc = np.sqrt(1 - along * along)
+    slope = math.nan if roll is None else math.tan(roll) * half
+
+    def misses(sought: Array) -> Array:
+        turn = sought[2] if roll is None else slope
+        return np.asarray(sought[0] + turn * along + sought[1] * arc - lowest)
+
+    start = np.array([np.median(lowest), 0.0, 0.0])
+    bounds = ([-np.inf, 0.0, -half], [np.inf, half, half])
+    level, bulge, fall = least_squares(misses, start, bounds=bounds, loss="soft_l1", f_scale=0.02 * half).x.tolist()
+    turn = math.atan(fall / half) if roll is None else roll
+    near = float(nearness(np.array(half), focal_length))
+    # see `_view_of_disc`
+    view = View((float(centre), level - near * bulge), turn, 0.0, bulge * (1 - near * near) / near, half / near)
+    return view, float(half / math.cos(turn))
 
 
 def _unlike_a_heap(found: Silhouette) -> str:

@@ -676,12 +676,19 @@ def test_a_bed_without_round_grains_is_measured_between_stated_walls(tmp_path):
 
 
 def test_what_stands_beside_and_behind_the_cylinder_is_no_wall(tmp_path):
-    photo = tmp_path / "bed.png"
-    picture, truth = drawn(gauge=False)
+    clear, photo = tmp_path / "clear.png", tmp_path / "bed.png"
+    picture, _ = drawn(gauge=False)
     crowded = picture.copy()
     cv2.rectangle(crowded, (250, 120), (400, 255), (90, 140, 60), cv2.FILLED)  # a cup behind the empty part
     cv2.rectangle(crowded, (360, 120), (400, 540), (90, 140, 60), cv2.FILLED)
     crowded[100:540:5, 20:50] = 30  # a ruler close to the left wall
+    cv2.imwrite(str(clear), picture)
     cv2.imwrite(str(photo), crowded)
-    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
-    assert pick(result, "bed_height", "outline").value == pytest.approx(truth, abs=0.3 * BEAD)
+    heights, scales = [], []
+    for each in (clear, photo):
+        result = packing.measure([each], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+        heights.append(pick(result, "bed_height", "outline").value)
+        scales.append(result.camera["scale_m_per_px"])
+    assert scales[1] == pytest.approx(scales[0], rel=0.02)
+    assert scales[0] == pytest.approx(1e-3 / PIXEL, rel=0.02)
+    assert heights[1] == pytest.approx(heights[0], abs=0.15 * BEAD)
