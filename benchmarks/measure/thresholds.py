@@ -1,4 +1,4 @@
-"""Write docs/thresholds.md: every numeric constant of `measure`, with its unit and what the code says about it.
+"""Write docs/thresholds.md: constants of `measure` that are written as numbers, with unit and what the code says.
 
     python benchmarks/measure/thresholds.py [--check]
 
@@ -94,9 +94,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="write nothing; status 1 if the page is out of date")
     asked = parser.parse_args()
-    if asked.check:
-        return int(not PAGE.exists() or PAGE.read_text() != page())
-    PAGE.write_text(page())
+    if not asked.check:
+        PAGE.write_text(page())
+    elif not PAGE.exists() or PAGE.read_text() != page():
+        sys.stderr.write(f"{PAGE.relative_to(ROOT)} is not that of the code: run `make format`\n")
+        return 1
     return 0
 
 

@@ -29,14 +29,12 @@ WELL_SURROUNDED = 0.7  # the same for beads at the front of a heap, which are no
 
 NEARLY = 0.5  # share of the best score above which a larger radius is preferred
 
-FEWEST_BEADS = 10
+FEWEST_BEADS = 10  # least number of circles of a heap
 
 # [bead radii], largest scatter across the line of a row of marks: two layers of beads have 0.8, marks 0.1 to 0.6
 ROW = 0.7
 
 SAMPLED = 300  # minimum rows and columns sampled for the statistics of the gradient
-
-ROUGH = 0.3  # of a bead's radius, half width of the window for roughness
 
 GREY = 6  # [Lab levels], largest range of hues in a picture without colour
 
@@ -133,25 +131,6 @@ def more_beads(picture: Edges, alike: npt.NDArray[np.float32], beads: Beads, *, 
     return Beads(_largest_group(np.concatenate(found), 2.4 * beads.radius, least_group), beads.radius)
 
 
-def likeness(
-    image: npt.NDArray[np.uint8], beads: Beads, cells: npt.NDArray[np.int32] | None = None
-) -> npt.NDArray[np.float32]:
-    """Likeness of each pixel's colour to that of the beads rather than their surroundings, 0 to 1.
-
-    Ratio of two colour histograms (Swain and Ballard 1991): inside the circles, and further than two beads from them.
-    The near background has the same weight as all the rest. `cells` are the colour cells of the picture if known.
-    """
-    inside = np.zeros(image.shape[:2], np.uint8)
-    for x, y in np.rint(beads.centre).astype(int):
-        cv2.circle(inside, (int(x), int(y)), max(1, round(0.75 * beads.radius)), 255, -1)
-    away = cv2.distanceTransform(255 - inside, cv2.DIST_L2, 3) / beads.radius
-    index = colour_cells(image, beads.radius) if cells is None else cells
-    of_beads = index[inside > 0]
-    here = shares(of_beads)
-    there = 0.5 * (shares(index[away > 4]) + shares(index[(away > 4) & (away < 10)]))
-    return np.asarray((here / (here + there + rare(here, of_beads))).astype(np.float32)[index], dtype=np.float32)
-
-
 def rim_radius(grey: npt.NDArray[np.uint8], beads: Beads) -> float:
     """Outer radius [px] of the clearest circles: half maximum of the mean gradient on its outer side."""
     picture = edges(grey)
@@ -180,27 +159,22 @@ def rare(share: Array, index: npt.NDArray[np.int32]) -> float:
 
 def colour_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int32]:
     """Index of the Lab colour cell of every pixel, after smoothing over a tenth of a bead radius."""
-    smooth = cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8))
-    return _cells(np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8))
+    return _cells(_smooth_lab(image, radius))
 
 
-def look_cells(image: npt.NDArray[np.uint8], radius: float, *, textured: bool = False) -> npt.NDArray[np.int32]:
-    """As `colour_cells`; for a picture without hues finer steps of lightness and, if `textured`, of roughness.
-
-    Roughness separates shaded beads from a wall of equal brightness.
-    """
-    lightness, *hues = cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2LAB))
+def look_cells(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.int32]:
+    """As `colour_cells`; a picture without hues has finer steps of lightness."""
+    lab = _smooth_lab(image, radius)
     # percentiles: a coloured sticker does not make the picture a colour picture
-    if max(float(np.ptp(np.percentile(hue, (0.5, 99.5)))) for hue in hues) > GREY:
-        return colour_cells(image, radius)
-    light = cv2.GaussianBlur(lightness.astype(np.float32), (0, 0), max(0.1 * radius, 0.8))
-    texture = np.zeros_like(light)
-    if textured:
-        window = (2 * round(ROUGH * radius) + 1,) * 2
-        rough = np.sqrt(np.maximum(cv2.blur(light * light, window) - cv2.blur(light, window) ** 2, 0))
-        # smoothest window that contains the pixel (Kuwahara et al. 1976), so that an edge adds no roughness beside it
-        texture = 40 * np.log2(cv2.erode(rough, np.ones(window, np.uint8)) + 1)
-    return _cells(np.clip(cv2.merge([texture, light, np.zeros_like(light)]), 0, 255).astype(np.uint8))
+    if max(float(np.ptp(np.percentile(lab[..., hue], (0.5, 99.5)))) for hue in (1, 2)) > GREY:
+        return _cells(lab)
+    nothing = np.zeros_like(lab[..., 0])
+    return _cells(np.dstack([nothing, lab[..., 0], nothing]))
+
+
+def _smooth_lab(image: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.uint8]:
+    smooth = cv2.GaussianBlur(image, (0, 0), max(0.1 * radius, 0.8))
+    return np.asarray(cv2.cvtColor(smooth, cv2.COLOR_BGR2LAB), dtype=np.uint8)
 
 
 def _cells(lab: npt.NDArray[np.uint8]) -> npt.NDArray[np.int32]:

@@ -1,6 +1,6 @@
 """Share of grains, base and vessel in every pixel of a photo, by a small convolutional network.
 
-`training/grain_classes/README.md` says what it was trained on, how well it does and where it fails.
+`training/grain_classes/README.md` says what it was trained on and how well it does, decision 0012 where it fails.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from rigtwin.lab.arrays import FloatImage, Image, Mask
 
 MODEL = Path(__file__).with_name("grain_classes.onnx")
 LONGEST = 384  # [px], longer side of the picture that the network sees: about that of its training pictures
-CLOSER, MARGIN = 0.8, 0.3  # shares of the picture, below which the part with the grains is seen again, and of that part
+CLOSER = 0.8  # share of the picture below which the part with the grains is seen again
+MARGIN = 0.3  # of that part's longer side, added on each side
 STEP = 32  # [px], sides must be multiples: the network halves the picture five times
 
 

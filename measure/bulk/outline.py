@@ -42,7 +42,7 @@ class View:
 
     origin: tuple[float, float]  # picture point of the disc's axis at the top of the base
     roll: float  # [rad], positive when the base looks rotated clockwise in the picture
-    radius: float  # of the base, at the scale of the plane through its axis; 0: no disc found
+    radius: float  # of the base, at the scale of the plane through its axis; 0: not known
     camera_height: float  # above the base plane
     camera_distance: float  # from the axis; infinite: unknown
 
@@ -76,7 +76,7 @@ class Silhouette:
     alike_behind: float  # [1], mean likeness to beads just above the outline
     bead_seen: float = float("nan")  # bead radius from the picture alone, independent of stated sizes
     stated: float | None = None  # standard uncertainty of both ends of a base line that was stated
-    depression_sigma: float = 0.0  # [deg], of the line of sight to a base line that was stated
+    depression_sigma: float = 0.0  # [deg], standard uncertainty of the view's depression where no disc gives it
 
     @property
     def base_line_uncertainty(self) -> tuple[float, float]:

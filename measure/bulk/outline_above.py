@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -38,8 +37,8 @@ class _Window:
 
     columns: Array  # [px] along the base line
     rows: Array  # [px] above the base line, descending
-    inside: Mask  # grains, if there are any in the columns; shape (rows, columns)
-    outside: Mask  # no grains
+    inside: Mask  # pixels taken for grains at first, shape (rows, columns)
+    outside: Mask  # pixels taken for background at first
     gaps: tuple[float, float]  # least and largest share through which the background is seen
 
 
@@ -64,12 +63,14 @@ def outline_above(
     Returns
     -------
     Silhouette or None
-        The outline with its quality measures; None if nothing on the base differs from the background.
+        The outline with its quality measures; None if nothing on the base differs from the background, or what does is
+        narrower than six bead radii.
 
     Notes
     -----
-    With the ratio q of the likelihoods of a pixel for matter and background, and the share g of background that is seen
-    through gaps of the heap, the evidence for "below the border" is log((1 - g) q + g).
+    log q is half the network's log odds of grains plus the log ratio of the colour histograms of grains and background.
+    With the share g of background that is seen through gaps of the heap, the evidence for "below the border" is
+    log((1 - g) q + g).
     """
     return _outline(image, classes, view, radius, _of_heap(view, radius, flank))
 
@@ -125,7 +126,7 @@ def _outline(image: Image, classes: FloatImage, view: View, radius: float, windo
     odds = NETWORK * _odds(classes, map_x, map_y)
     if np.any(odds[inside] > 0):
         inside = inside & (odds > 0)
-    colours = look_cells(_smooth(level, radius), radius)
+    colours = look_cells(level, radius)
     borders = edge_map(level)
     count = np.arange(len(rows))[:, None]
     for _ in range(ROUNDS):
@@ -182,11 +183,6 @@ def _largest_run(heap: npt.NDArray[np.bool_], gap: int) -> npt.NDArray[np.bool_]
     if run is not None:
         kept[run[0] : run[1] + 1] = heap[run[0] : run[1] + 1]
     return kept
-
-
-def _smooth(level: npt.NDArray[Any], radius: float) -> npt.NDArray[Any]:
-    """The picture without noise finer than a tenth of a bead's radius."""
-    return cv2.GaussianBlur(level, (0, 0), max(0.1 * radius, 0.8))
 
 
 def _log_ratio(

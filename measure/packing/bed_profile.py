@@ -19,6 +19,10 @@ INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline
 
 ROUGHEST = 0.6  # [bead diameters], largest rms roughness; outlines of settled beds of a DEM have 0.15 to 0.35
 
+SAME_PLANE = 0.02  # largest relative difference of the two scales if the gauge stands in the plane of the axis
+
+NEARER = 1.05  # beads in front are nearer to the camera than the axis by about 1/15, beads at the sides less
+
 SMOOTHEST = 0.03  # [bead diameters], least roughness; a straight edge reads a third of a pixel if beads have a dozen
 
 # An outline with more than the share `ON_A_LINE` of its points within `LINE_WIDTH` bead diameters of one line is an

@@ -14,9 +14,11 @@ from rigtwin.lab.quantity import (
 from rigtwin.measure.bulk.checks import MISFIT, size_seen, views_check
 from rigtwin.measure.packing.bed_profile import (
     LINE_WIDTH,
+    NEARER,
     ON_A_LINE,
     OUTLINE_SPREAD,
     ROUGHEST,
+    SAME_PLANE,
     SMOOTHEST,
     Observation,
     inside_cylinder,
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
     from rigtwin.lab.records import Profile
     from rigtwin.measure.packing.cylinder import Bed
 
-SAME_PLANE = 0.02  # largest relative difference of the two scales if the gauge stands in the plane of the axis
 
 OTHER_PLANE = 0.04  # largest relative error of a given scale: a length in view may stand before or behind the axis
 
@@ -59,7 +60,6 @@ SPOILING = ("level_bed", "smooth_surface", "views_agree")  # if one of these che
 # the same for checks of the stated sizes, which set scale, floor and the offsets from the outline
 STATED = ("gauge", "bead_size", "walls", "straight_walls", "scale", "camera_roll")
 
-NEARER = 1.05  # beads in front are nearer to the camera than the axis by about 1/15, beads at the sides less
 
 MOST_BEYOND = 0.08  # largest share of beads found outside the walls: reflections in the glass look like beads
 
@@ -189,8 +189,8 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
     same = False
     if bed.gauge is None and math.isfinite(bed.elsewhere):
         message = (
-            f"the gauge's millimetre is {bed.elsewhere:.3f} times the cylinder's, and the beads agree with that:"
-            " the gauge stands before or behind the axis and was not used."
+            f"the gauge's scale is {bed.elsewhere:.3f} times the cylinder's, and the size of the beads agrees with the "
+            "cylinder: the gauge stands before or behind the axis and was not used, neither for the floor."
         )
         checks.append(Check("gauge", True, bed.elsewhere, 1.0, message))
     elif bed.gauge is None:

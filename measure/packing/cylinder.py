@@ -19,10 +19,11 @@ from rigtwin.measure.bulk.outline import Silhouette, View
 from rigtwin.measure.bulk.outline_above import surface_between
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
-from rigtwin.measure.packing.checks import NEARER, SAME_PLANE
+from rigtwin.measure.packing.bed_profile import NEARER, SAME_PLANE
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
 from rigtwin.measure.packing.grain_region import (
     CORE,
+    ENDS_AT,
     Mask,
     Straight,
     grain_region,
@@ -62,6 +63,7 @@ INSIDE = 0.97  # share of the inner radius in which the outline is searched
 # blur, by the same amount along the whole outline
 EDGE_UNCERTAINTY = 0.6
 LEAST_SHOWN = 0.3  # least visible share of the surface across the cylinder
+MOST_BELOW = 0.5  # share of the columns between the walls in which grains may be seen below the floor
 HIDDEN_LEVEL = 0.25  # [bead diameters], roughness of the outlines of settled beds
 
 
@@ -139,7 +141,7 @@ class Bed:
     roll_seen: tuple[float, float] | None = None
     stated: Stated = Stated()
     wall_sigma: float = 0.0  # relative standard uncertainty of the width as found, not as stated
-    elsewhere: float = math.nan  # millimetre of a gauge over the cylinder's, where it was not used because of it
+    elsewhere: float = math.nan  # scale [m/px] of a gauge that was not used over that of the cylinder; NaN: none
 
     @property
     def floor(self) -> float:
@@ -217,8 +219,7 @@ def find_bed(
     upright, roll_seen = _upright(grey, roll)
     region_of_grains = grain_region(classes, beads.radius)
     if not region_of_grains.any():
-        why = f"the {len(beads.centre)} circles that were found do not cover a region five circles wide"
-        return _no_bed(why, beads, zoom)
+        return _no_bed(f"no region of grains is wider than {5 * beads.radius / zoom:.0f} px", beads, zoom)
     lean = upright.at(stated.middle[0] if stated.walls else float(np.median(np.nonzero(region_of_grains)[1])))[0]
     straight = straightened(alike, region_of_grains, lean, beads.radius)
     left, right, wall_sigma = _walls(image, straight, beads.radius, upright, stated)
@@ -282,7 +283,7 @@ def find_bed(
         wall_sigma,
         elsewhere,
     )
-    return _judged(bed, _cut_off(kept, alike))
+    return _judged(bed, _cut_off(kept, alike), alike)
 
 
 def _analysed(photo: Image) -> tuple[Image, GreyImage, Mask, float]:
@@ -513,10 +514,10 @@ def _gauge(
 
 
 def _elsewhere(gauge: float, beads: float) -> float:
-    """The gauge's millimetre over the cylinder's, if the gauge is not in the plane of the axis, or NaN.
+    """Scale [m/px] of the gauge over that of the cylinder, if the gauge is not in the plane of the axis, or NaN.
 
-    `beads` is the same ratio of the beads' apparent diameter.  Where beads and gauge both disagree with the cylinder,
-    its stated diameter may be wrong, and the gauge counts.
+    `gauge` is this ratio, `beads` the beads' apparent diameter over that expected from the cylinder.  Where beads and
+    gauge both disagree with the cylinder, its stated diameter may be wrong, and the gauge counts.
     """
     by_gauge, by_beads = abs(math.log(gauge)), abs(math.log(beads / NEARER))
     return gauge if by_gauge > SAME_PLANE and by_beads < ELSEWHERE * by_gauge else math.nan
@@ -538,7 +539,18 @@ def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
     return bool(np.mean(edge) > 0.5 * np.median(at(alike, beads.centre)))
 
 
-def _judged(bed: Bed, cut_off: bool) -> Bed | NoBed:
+def _grains_below(bed: Bed, alike: FloatImage) -> float:
+    """Share of the columns between the walls in which grains are seen below the floor."""
+    across = np.arange(-INSIDE * bed.width / 2, INSIDE * bed.width / 2)
+    down = np.arange(bed.bulge + 2 * bed.bead_radius, bed.bulge + 12 * bed.bead_radius)
+    (x, y), (cos, sin) = bed.axis, (math.cos(bed.lean), math.sin(bed.lean))
+    columns = (x + across * cos + down[:, None] * sin).astype(np.float32)
+    rows = (y - across * sin + down[:, None] * cos).astype(np.float32)
+    seen = cv2.remap(alike, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return float(np.mean(np.sum(seen > ENDS_AT, axis=0) > 0.5 * bed.bead_radius))
+
+
+def _judged(bed: Bed, cut_off: bool, alike: FloatImage) -> Bed | NoBed:
     """The bed with the uncertainty and flaws of its outline, or why too little of the surface is visible."""
     found = bed.silhouette
     seen = np.abs(found.x) < INSIDE * bed.width / 2
@@ -558,6 +570,8 @@ def _judged(bed: Bed, cut_off: bool) -> Bed | NoBed:
     middle = float(np.mean(bed.gauge_rows(*bed.outline))) if bed.gauge is not None else 0.0
     if cut_off:
         flaw = "the bed reaches the lower edge of the picture, so the floor is not visible"
+    elif _grains_below(bed, alike) > MOST_BELOW:
+        flaw = "grains are seen below the floor as found: something stands before the foot of the bed, or mirrors it"
     elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
     elif by_zero and bed.gauge is not None and _goes_on(bed.gauge):

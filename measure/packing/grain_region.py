@@ -76,7 +76,7 @@ def sides(straight: Straight, radius: float) -> tuple[Array, Array]:
 
 
 def upright_borders(image: Image, straight: Straight) -> Array:
-    """Change of colour [CIELAB units] at every column of the turned picture, in the median over the core's rows, (n,).
+    """Change of colour [Lab levels per 2 px] at every column of the turned picture, median of the core's rows, (n,).
 
     A straight wall has the same change in all rows, the edges of grains are scattered.
     """

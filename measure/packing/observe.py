@@ -18,8 +18,8 @@ from rigtwin.lab.quantity import (
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bulk.checks import size_unseen
 from rigtwin.measure.geometry.camera_roll import roll_check
-from rigtwin.measure.packing.bed_profile import Observation
-from rigtwin.measure.packing.checks import NEARER, SAME_PLANE, STATED, gauge_pitch, picture_checks
+from rigtwin.measure.packing.bed_profile import NEARER, SAME_PLANE, Observation
+from rigtwin.measure.packing.checks import STATED, gauge_pitch, picture_checks
 from rigtwin.measure.packing.cylinder import Bed, NoBed, Stated, find_bed
 from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
 

@@ -12,6 +12,5 @@ Parts of this rig:
 
 - `silhouette`: find the heap in the picture and correct its outline for perspective
 - `base_disc`: find the round base by a template fit
-- `outline_above`: outline of what stands on a known base line
 - `repose_angles`: definitions of the graphical and geometric angles
 """

@@ -333,7 +333,7 @@ class _SamplePoints:
     """Points of a region of the template."""
 
     along: Numbers  # in half widths from the axis
-    above: Numbers  # [half widths] above the front rim; of faces, share of the way down to the lower rim
+    above: Numbers  # [half widths] above the front rim, below the lower rim, or of faces share of the way between them
 
 
 def _sample_points(count: int) -> dict[str, _SamplePoints]:
@@ -401,12 +401,12 @@ class _Cost:
         return np.asarray(THICK * template.thickness[:, 0] - score - self._fit(template))
 
     def fit(self, place: Array) -> float:
-        """Mean probability that the regions of one place, shape (6,), have the classes that they should have."""
+        """Weighted mean probability that the regions of a place, shape (6,), have the classes that they should have."""
         template = _Template(*_candidate(place[:, None]).astype(np.float32)[..., None])
         return float(self._fit(template)[0]) / sum(weight for _, weight in REGIONS.values())
 
     def _fit(self, template: _Template) -> Array:
-        """Weighted mean probability that the regions have the classes that they should have, shape (n,)."""
+        """Sum over the regions of weight times mean probability of the class that they should have, shape (n,)."""
         bulge = template.bulge(self.focal_length)
         x, y = [], []
         for name, points in self.points.items():

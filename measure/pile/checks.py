@@ -75,7 +75,7 @@ def size_checks(
         return (), ""
     if bead_diameter is None or scale_from == "bead diameter" or not math.isfinite(found.bead_seen):
         if not math.isfinite(found.bead_seen):
-            advice = "no round bead shows it; give --base-diameter or --scale"
+            advice = "no round bead shows its size"
         elif bead_diameter is None:
             advice = "give --bead-diameter too"
         elif base_diameter is None:

@@ -39,7 +39,7 @@ Draw = Callable[[Path], dict[str, Path]]
 
 MOSTLY = 0.5  # share of the outline beside white above which the whole background is white
 NO_SCALE = "not known"
-NO_BASE = "no base disc was found, so the base line runs under the outermost beads; --base states it"
+NO_BASE = "no base disc was found, so the base line runs through the outermost grains; --base states it"
 
 STATED_FOCAL_UNCERTAINTY = 0.1  # standard deviation of the logarithm of a focal length stated in the photo's EXIF data
 
@@ -172,7 +172,7 @@ def _scale(
         return camera.given_scale / found.zoom, camera.scale_from
     if base_diameter is not None and found.view.radius > 0:
         return base_diameter / (2 * found.view.radius), "base diameter"
-    if bead_diameter is not None:
+    if bead_diameter is not None and math.isfinite(found.bead_seen):
         return bead_diameter / (2 * found.bead_radius), "bead diameter"
     return None, NO_SCALE
 
@@ -229,7 +229,7 @@ def _variants(
             (replace(view, radius=view.radius + wider), height),
             (replace(view, radius=view.radius - wider), height),
         )
-    if found.stated is not None:
+    if found.disc is None:
         distance = view.camera_distance
         if math.isfinite(distance):
             seen, off = view.looking_down, found.depression_sigma
@@ -274,8 +274,8 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the heap hardly differs from the background"
     if found.disc is not None and found.disc.fit < UNFIT:
         return (
-            f"heap, base and background lie where they should by only {100 * found.disc.fit:.0f} %: another thing may "
-            "have been taken for the base; --base states it"
+            f"the regions of heap, base and background look like these with a mean probability of only "
+            f"{100 * found.disc.fit:.0f} %: another thing may have been taken for the base; --base states it"
         )
     if found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down

@@ -32,7 +32,7 @@ LEAST_MATTER, MOST_ALIKE = 0.6, 0.45  # mean likelihood of matter below and abov
 
 SIZE_RANGE = 2.0  # largest ratio of the apparent to the stated size of beads that is searched
 
-LEAST_GRAINS = 0.003  # share of the picture
+LEAST_GRAINS = 0.003  # least share of the picture that grains cover
 LEAST_LIKELY = 0.7  # mean probability of grains in their region: 0.78 and more in photos of heaps, 0.66 in noise
 
 COARSE = 900  # [px], width of the reduced picture that is searched for beads
@@ -108,7 +108,8 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     found = outline_above(image, classes, span, radius)
     if found is None:
         raise NothingToMeasure(_no_outline(span, zoom), _seen(beads, zoom))
-    found = replace(found, view=view, disc=disc, zoom=zoom, bead_seen=bead_seen)
+    sigma = SEEN_DEPRESSION if disc is None else 0.0
+    found = replace(found, view=view, disc=disc, zoom=zoom, bead_seen=bead_seen, depression_sigma=sigma)
     if flaw := _unlike_a_heap(found):
         raise NothingToMeasure(flaw, _seen(beads, zoom))
     return found
@@ -137,7 +138,8 @@ def _heap_on(
     zoom = min(1.0, FINEST / _breadth(photo))
     image = _shrunk(photo, zoom)
     grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    image = exposure_of(grey[::2, ::2]).applied(image)
+    exposure = exposure_of(grey[::2, ::2])
+    image, grey = exposure.applied(image), exposure.applied(grey)
     (x1, y1), (x2, y2) = ((x * zoom, y * zoom) for x, y in base)
     half, turn = math.hypot(x2 - x1, y2 - y1) / 2, math.atan2(y2 - y1, x2 - x1)
     distance, down, sigma = math.inf, 0.0, 0.0
@@ -153,7 +155,8 @@ def _heap_on(
     found = outline_above(image, classes, view, radius, flank)
     if found is None:
         raise NothingToMeasure(_no_outline(view, zoom))
-    return replace(found, zoom=zoom, stated=STATED_SIGMA * zoom, depression_sigma=sigma)
+    bead_seen = circles[1] if circles else math.nan
+    return replace(found, zoom=zoom, stated=STATED_SIGMA * zoom, depression_sigma=sigma, bead_seen=bead_seen)
 
 
 def _depression(classes: FloatImage, grey: GreyImage, focal_length: float, roll: float) -> float | None:

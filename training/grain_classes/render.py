@@ -33,7 +33,7 @@ OTHER, GRAINS, BASE, VESSEL = range(4)
 WIDTH, HEIGHT = 400, 300
 SAMPLES = 5  # light paths per pixel, before denoising
 BOX = np.array([34.0, 34.0, 26.0])  # [grain diameters], extent of the packing that heaps and beds are cut from
-MOST = 2500  # grains in a scene; those deep inside a heap are left out first
+MOST = 2500  # grains in a scene; of more, some are left out at random
 
 
 def packing(seed: int = 1) -> Floats:
@@ -203,8 +203,8 @@ def _cut(rng: np.random.Generator, packed: Floats) -> Floats:
     return centres[:, [*rng.permutation(2), 2]]
 
 
-def heap(scene: Scene, packed: Floats) -> tuple[float, float, float]:
-    """A heap on a disc of radius 1, or without one; returns width and height of the view, and height of its middle."""
+def heap(scene: Scene, packed: Floats) -> tuple[float, float]:
+    """A heap on a disc of radius 1, or without one; returns the width of the view and the height of its middle."""
     rng = scene.rng
     kind = rng.choice(["disc", "bare", "wall"], p=[0.82, 0.1, 0.08])
     across = math.exp(rng.uniform(math.log(9), math.log(32)))
@@ -251,10 +251,10 @@ def heap(scene: Scene, packed: Floats) -> tuple[float, float, float]:
             scene.place(mesh, place, size=np.full(3, 1 / across))
     room(scene, floor, 1.25)
     high = slope * reach
-    return 2 / rng.uniform(0.35, 0.93), high, high * rng.uniform(0.0, 0.8) - rng.uniform(0, 0.3)
+    return 2 / rng.uniform(0.35, 0.93), high * rng.uniform(0.0, 0.8) - rng.uniform(0, 0.3)
 
 
-def bed(scene: Scene, packed: Floats) -> tuple[float, float, float]:
+def bed(scene: Scene, packed: Floats) -> tuple[float, float]:
     """A bed in a glass cylinder of radius 1."""
     rng = scene.rng
     across = math.exp(rng.uniform(math.log(5), math.log(16)))
@@ -299,7 +299,7 @@ def bed(scene: Scene, packed: Floats) -> tuple[float, float, float]:
         scene.add(mesh_of("cylinder", ends=False), OTHER, look, at=cup, size=size)
     room(scene, -base, 1.5)
     width = max(2.6, tall * 4 / 3 * rng.uniform(0.9, 1.7))
-    return width, tall, tall / 2 + rng.normal(0, 0.08) * width
+    return width, tall / 2 + rng.normal(0, 0.08) * width
 
 
 def ruler(scene: Scene, foot: tuple[float, float, float], length: float, upright: bool) -> None:
@@ -360,7 +360,7 @@ def lights(rng: np.random.Generator) -> None:
     sky = nodes["Background"]
     sky.inputs["Strength"].default_value = rng.uniform(0.2, 1.2)
     if rng.random() < 0.75:
-        pattern, ramp = nodes.new(str(rng.choice(["ShaderNodeTexNoise", "ShaderNodeTexVoronoi"]))), None
+        pattern = nodes.new(str(rng.choice(["ShaderNodeTexNoise", "ShaderNodeTexVoronoi"])))
         pattern.inputs["Scale"].default_value = np.exp(rng.uniform(0, 3))
         ramp = nodes.new("ShaderNodeValToRGB")
         low = rng.uniform(0.2, 0.6)
@@ -437,7 +437,7 @@ def picture(number: int, packed: Floats, folder: str) -> tuple[npt.NDArray[np.ui
     rng = np.random.default_rng([2026, number])
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = Scene(rng)
-    width, _, middle = (heap if number % 5 < 3 else bed)(scene, packed)
+    width, middle = (heap if number % 5 < 3 else bed)(scene, packed)
     lights(rng)
     lens = camera(rng, width, middle)
     page = bpy.context.scene
