@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from rigtwin.measure.packing.cylinder import Bed
 
 
+FLOOR_APART = 4.0  # [standard uncertainties], of a stated floor from the foot of the grains
+
 OTHER_PLANE = 0.04  # largest relative error of a given scale: a length in view may stand before or behind the axis
 
 USUAL_FRACTION = 0.6  # solid fraction of a bed, between loose (0.55) and close random packing (0.64)
@@ -58,7 +60,7 @@ SOLID_DENSITIES = (100.0, 19300.0)
 SPOILING = ("level_bed", "smooth_surface", "views_agree")  # if one of these checks fails the height is doubtful
 
 # the same for checks of the stated sizes, which set scale, floor and the offsets from the outline
-STATED = ("gauge", "bead_size", "walls", "straight_walls", "scale", "camera_roll")
+STATED = ("stated_floor", "gauge", "bead_size", "walls", "straight_walls", "scale", "camera_roll")
 
 
 MOST_BEYOND = 0.08  # largest share of beads found outside the walls: reflections in the glass look like beads
@@ -233,6 +235,11 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
     ending = "; the gauge confirms the distance of the walls." if same else ending
     message = f"{100 * bed.beyond:.0f} % of the beads lie outside the cylinder's walls as found{ending}"
     checks.append(Check("walls", within, bed.beyond, 0.0, message))
+    if bed.stated.walls is not None or bed.stated.floor is not None:
+        apart, way = abs(bed.floor_apart), "below" if bed.floor_apart > 0 else "above"
+        message = f"the stated floor lies {apart:.1f} standard uncertainties {way} the foot of the grains that are seen"
+        ending = "." if apart < FLOOR_APART else ": check the floor or the walls that were stated."
+        checks.append(Check("stated_floor", apart < FLOOR_APART, bed.floor_apart, 0.0, message + ending))
     slants = abs(bed.narrowing) > MOST_NARROWING
     message = f"the bed is {100 * abs(bed.narrowing):.0f} % {'narrower' if bed.narrowing > 0 else 'wider'} at its foot"
     ending = ", on both sides: this is no cylinder, so its scale and density are not valid." if slants else "."

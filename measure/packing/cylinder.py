@@ -141,6 +141,7 @@ class Bed:
     roll_seen: tuple[float, float] | None = None
     stated: Stated = Stated()
     wall_sigma: float = 0.0  # relative standard uncertainty of the width as found, not as stated
+    floor_apart: float = 0.0  # [standard uncertainties], of a stated floor below the lowest grains
     elsewhere: float = math.nan  # scale [m/px] of a gauge that was not used over that of the cylinder; NaN: none
 
     @property
@@ -235,9 +236,10 @@ def find_bed(
     ends = _lower_ends(image, classes, straight, (left, right), radius)
     expected = _expected_slope(image.shape, middle + float(np.median(ends[1])), upright)
     known = stated.down(straight, lean, offset)
-    floor, floor_sigma, bulge, bulge_sigma = _floor(*ends, width / 2, radius, expected, known)
+    floor, floor_sigma, bulge, bulge_sigma = _floor(*ends, width / 2, radius, expected)
+    apart = 0.0 if known is None else (known - floor) / math.hypot(floor_sigma, stated.sigma)
     if known is not None:
-        floor_sigma = stated.sigma
+        floor_sigma, (floor, _, bulge, bulge_sigma) = stated.sigma, _floor(*ends, width / 2, radius, expected, known)
     axis = (
         column + offset * math.cos(lean) + floor * math.sin(lean),
         middle - offset * math.sin(lean) + floor * math.cos(lean),
@@ -281,6 +283,7 @@ def find_bed(
         roll_seen,
         stated,
         wall_sigma,
+        apart,
         elsewhere,
     )
     return _judged(bed, _cut_off(kept, alike), alike)

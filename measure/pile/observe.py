@@ -268,6 +268,8 @@ def _other_distance(view: View, disc: Disc, factor: float) -> tuple[View, float]
 def _flaw_of_picture(found: Silhouette) -> str:
     if found.cut_off:
         return "the outline touches the edge of the picture"
+    if found.contradicted:
+        return f"an end of the stated base lies {found.contradicted:.0f} px from that of the base as seen: check --base"
     if found.contrast < 0.3:
         return "the outline has hardly any contrast to the background"
     if found.alike_behind > ALIKE_BEHIND or found.covered < DOUBTFUL_COVER:

@@ -26,6 +26,10 @@ USUAL_DEPRESSION = 3.0  # [deg], of the line of sight where nothing shows it, an
 
 SEEN_DEPRESSION = 1.5  # [deg], standard uncertainty where rim or foot show it
 
+CLEARLY = 0.85  # least fit and support of a base that is held against a stated one
+# [standard uncertainties] and [half widths], by which the ends of a stated base may lie elsewhere than those seen
+ELSEWHERE, LEAST_APART = 3.0, 0.015
+
 USUAL_BEADS = 25  # bead diameters across a base where neither sizes nor circles are known
 
 LEAST_MATTER, MOST_ALIKE = 0.6, 0.45  # mean likelihood of matter below and above the border of any heap
@@ -142,12 +146,14 @@ def _heap_on(
     image, grey = exposure.applied(image), exposure.applied(grey)
     (x1, y1), (x2, y2) = ((x * zoom, y * zoom) for x, y in base)
     half, turn = math.hypot(x2 - x1, y2 - y1) / 2, math.atan2(y2 - y1, x2 - x1)
-    distance, down, sigma = math.inf, 0.0, 0.0
+    distance, down, sigma, apart = math.inf, 0.0, 0.0, 0.0
     classes = grain_classes(image)
     if flank not in ("left", "right"):  # a slope against a wall is no cone
         distance = half / float(nearness(np.array(half), focal_length * zoom))
-        seen = _depression(classes, grey, focal_length * zoom, turn)
-        down, sigma = (USUAL_DEPRESSION, USUAL_DEPRESSION) if seen is None else (seen, SEEN_DEPRESSION)
+        down, sigma = USUAL_DEPRESSION, USUAL_DEPRESSION
+        if (seen := _seen_view(classes, grey, focal_length * zoom, turn)) is not None:
+            down, sigma = seen[0].looking_down, SEEN_DEPRESSION
+            apart = _contradicts(*seen, base, zoom)
     height = distance * math.tan(math.radians(down)) if math.isfinite(distance) else 0.0
     view = View(((x1 + x2) / 2, (y1 + y2) / 2), turn, half, height, distance)
     circles = _beads(grey) if beads_across is None else None
@@ -156,18 +162,30 @@ def _heap_on(
     if found is None:
         raise NothingToMeasure(_no_outline(view, zoom))
     bead_seen = circles[1] if circles else math.nan
-    return replace(found, zoom=zoom, stated=STATED_SIGMA * zoom, depression_sigma=sigma, bead_seen=bead_seen)
+    found = replace(found, zoom=zoom, stated=STATED_SIGMA * zoom, bead_seen=bead_seen)
+    return replace(found, depression_sigma=sigma, contradicted=apart)
 
 
-def _depression(classes: FloatImage, grey: GreyImage, focal_length: float, roll: float) -> float | None:
-    """Depression of the line of sight [deg] by the rim of the base, or else by the foot of the heap."""
+def _contradicts(view: View, disc: Disc | None, base: Line, zoom: float) -> float:
+    """Distance [px of the photo] of an end of the stated base from that of the base that is seen; 0 if alike."""
+    if disc is None or min(disc.fit, disc.support) < CLEARLY:
+        return 0.0
+    seen = view.to_picture(np.array([-view.radius, view.radius]), np.zeros(2)).tolist()
+    apart = max(math.dist(end, (zoom * px, zoom * py)) for end, (px, py) in zip(seen, sorted(base), strict=True))
+    usual = math.hypot(STATED_SIGMA * zoom, disc.sigma)
+    return apart / zoom if apart > ELSEWHERE * usual + LEAST_APART * view.radius else 0.0
+
+
+def _seen_view(
+    classes: FloatImage, grey: GreyImage, focal_length: float, roll: float
+) -> tuple[View, Disc | None] | None:
+    """The view by the rim of the base, or else by the foot of the heap, and the base."""
     try:
         grains = _grains(classes)
     except NothingToMeasure:
         return None
     disc = find_disc(classes, grey, focal_length=focal_length, roll=roll)
-    view = _view_of_disc(disc) if disc is not None else _view_of_feet(grains, roll, focal_length)[0]
-    return view.looking_down
+    return _view_of_disc(disc) if disc is not None else _view_of_feet(grains, roll, focal_length)[0], disc
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:

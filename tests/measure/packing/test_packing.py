@@ -647,6 +647,16 @@ def test_stated_walls_and_floor_are_used_with_their_own_uncertainty(tmp_path):
     assert found.budget["floor"] == pytest.approx(2e-3 / PIXEL, rel=1e-3)
 
 
+@pytest.mark.parametrize(("lower", "passed"), [(0.0, True), (8e-3, False), (-12e-3, False)])
+def test_a_stated_floor_is_held_against_the_foot_of_the_grains(tmp_path, lower, passed):
+    photo = tmp_path / "bed.png"
+    draw(photo, gauge=False)
+    camera = Camera(floor=540 + lower * 1e3 * PIXEL)
+    result = packing.measure([photo], camera, cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert ("the stated floor" not in found.doubtful) == passed
+
+
 def test_a_stated_floor_moves_the_height_by_as_much(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)

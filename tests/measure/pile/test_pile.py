@@ -656,6 +656,20 @@ def test_a_heap_on_a_stated_base_is_measured_where_no_base_is_found(tmp_path: Pa
     assert (tmp_path / "out" / "heap-overlay.png").is_file()
 
 
+@pytest.mark.parametrize(("fall", "sink", "said"), [(0, 0, False), (0, 24, True), (24, 0, True)])
+def test_a_stated_base_is_held_against_the_base_that_is_seen(
+    fall: float, sink: float, tmp_path: Path, *, said: bool
+) -> None:
+    scene = Scene(seed=9)
+    (left, y), (right, _) = base_of(scene)
+    path = tmp_path / "heap.png"
+    cv2.imwrite(str(path), draw(scene))
+    camera = Camera(base=((left, y + sink - fall), (right, y + sink + fall)))
+    result = measure([path], camera, bead_diameter=BEAD)
+    for one in (angle(result, quantity, "mean") for quantity in MAIN):
+        assert ("stated base" in one.doubtful) == said
+
+
 def test_a_heap_against_a_wall_has_the_angle_of_its_one_flank(tmp_path: Path) -> None:
     scene = Scene(seed=9)
     (left, y), (right, _) = base_of(scene)
