@@ -26,7 +26,9 @@ from rigtwin.measure.robust import mad_std
 Numbers = npt.NDArray[np.floating[Any]]  # single or double precision; candidates are evaluated in single precision
 
 LEAST_SUPPORT = 0.5  # least share of lower rim and walls on edges, else another thing may have been found
-LEAST_FIT = 0.6  # least mean probability that the regions of the template are what they should be
+LEAST_FIT = (
+    0.8  # least mean probability that the regions of the template are what they should be; bases seen: 0.86 to 0.97
+)
 WORSE = 0.05  # loss of support beyond which sub-pixel edges were those of something else
 LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
 CANDIDATES, GENERATIONS = 120, (35, 35)  # of the search in the blurred and in the finer picture

@@ -54,8 +54,6 @@ BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
-UNFIT = 0.8  # mean probability of the regions of the base below which it may be another thing
-
 UNSURE = 0.2  # share of the outline that another threshold moves by more than a bead radius
 
 ALIKE_BEHIND, DOUBTFUL_COVER = 0.3, 0.75  # mean likelihood of matter above and below the outline
@@ -274,11 +272,6 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the outline has hardly any contrast to the background"
     if found.alike_behind > ALIKE_BEHIND or found.covered < DOUBTFUL_COVER:
         return "the heap hardly differs from the background"
-    if found.disc is not None and found.disc.fit < UNFIT:
-        return (
-            f"the regions of heap, base and background look like these with a mean probability of only "
-            f"{100 * found.disc.fit:.0f} %: another thing may have been taken for the base; --base states it"
-        )
     if found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down
         return (
