@@ -229,9 +229,7 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
         ratio = 2 * bed.bead_seen * scale / (NEARER * bead)
         checks.append(size_seen(ratio, MISFIT, source))
     within = same or bed.beyond < MOST_BEYOND
-    ending = (
-        "." if within else ": check --cylinder-diameter and --bead-diameter, which set where walls were looked for."
-    )
+    ending = "." if within else ": check the walls in the overlay; --cylinder states them."
     ending = "; the gauge confirms the distance of the walls." if same else ending
     message = f"{100 * bed.beyond:.0f} % of the beads lie outside the cylinder's walls as found{ending}"
     checks.append(Check("walls", within, bed.beyond, 0.0, message))
