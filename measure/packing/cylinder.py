@@ -19,7 +19,7 @@ from rigtwin.measure.bulk.outline import Silhouette, View
 from rigtwin.measure.bulk.outline_above import surface_between
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
-from rigtwin.measure.packing.bed_profile import NEARER, SAME_PLANE
+from rigtwin.measure.packing.bed_profile import NEARER
 from rigtwin.measure.packing.graduations import Gauge, find_gauge
 from rigtwin.measure.packing.grain_region import (
     CORE,
@@ -53,6 +53,7 @@ ENDS_ABOVE = 4.0  # [mm], graduations may end this far above zero: the gauge's f
 SMEARED = 1.5, 4.0
 # a gauge is not in the plane of the axis where the beads agree with the cylinder this much better than the gauge does
 ELSEWHERE = 0.5
+CLEARLY_APART = 0.08  # logarithm of the ratio of their scales, more than beads can decide below
 LOOKING = (-0.1, 0.6)  # slope of the line of sight to the floor: from slightly below its level to 30 degrees above
 MOST_LEAN = math.radians(7)
 FOCAL_SIDES = 2.0  # usual focal length over the longer side of the picture
@@ -218,7 +219,7 @@ def find_bed(
     if beads is None or len(beads.centre) < FEWEST:
         return _no_bed(f"{count} touching circles of one size were found, {FEWEST} are needed", beads, zoom)
     upright, roll_seen = _upright(grey, roll)
-    region_of_grains = grain_region(classes, beads.radius)
+    region_of_grains, classes = grain_region(classes, beads.radius)
     if not region_of_grains.any():
         return _no_bed(f"no region of grains is wider than {5 * beads.radius / zoom:.0f} px", beads, zoom)
     lean = upright.at(stated.middle[0] if stated.walls else float(np.median(np.nonzero(region_of_grains)[1])))[0]
@@ -418,7 +419,8 @@ def _lower_ends(
     origin = column + offset * math.cos(lean), middle - offset * math.sin(lean)
     found = surface_between(image, classes, View(origin, math.pi - lean, half, 0.0, math.inf), radius)
     if found is not None:
-        seen = np.isfinite(found.height)
+        # the outermost grains need not touch the floor
+        seen = np.isfinite(found.height) & (np.abs(found.x) < half - radius)
         return -found.x[seen], found.height[seen]
     # the bed reaches the lower edge of the picture
     columns = np.nonzero(straight.region.any(axis=0))[0]
@@ -523,7 +525,7 @@ def _elsewhere(gauge: float, beads: float) -> float:
     gauge both disagree with the cylinder, its stated diameter may be wrong, and the gauge counts.
     """
     by_gauge, by_beads = abs(math.log(gauge)), abs(math.log(beads / NEARER))
-    return gauge if by_gauge > SAME_PLANE and by_beads < ELSEWHERE * by_gauge else math.nan
+    return gauge if by_gauge > CLEARLY_APART and by_beads < ELSEWHERE * by_gauge else math.nan
 
 
 def _goes_on(gauge: Gauge) -> bool:

@@ -15,17 +15,22 @@ from rigtwin.measure.bulk.grain_classes import Grain
 Mask = npt.NDArray[np.bool_]
 
 ENDS_AT = 0.5  # probability of grains at which they end
+NEAR = 3.0  # [bead radii], distance from the region within which grains belong to it
 ROD = 6.0  # [bead radii], height of a gap that does not divide a bed
 CORE = (0.15, 0.85)  # shares of the region's height between which both sides are grains
 
 
-def grain_region(classes: FloatImage, radius: float) -> Mask:
-    """The largest region of grains, without parts narrower than five bead radii.
+def grain_region(classes: FloatImage, radius: float) -> tuple[Mask, FloatImage]:
+    """The largest region of grains, without parts narrower than five radii, and the classes with these grains alone.
 
     `classes` are the probabilities by `grain_classes`, shape (height, width, 4), `radius` is that of a bead [px].
     """
     grains = (classes[..., Grain.GRAINS] > ENDS_AT).astype(np.uint8)
-    return _largest(_opened(_joined(_closed(grains, 2 * radius), radius), 5 * radius)) > 0
+    region = _largest(_opened(_joined(_closed(grains, 2 * radius), radius), 5 * radius))
+    near = cv2.dilate(region, _disc(2 * NEAR * radius)) > 0
+    kept = classes.copy()
+    kept[..., Grain.GRAINS][~near] = 0.0
+    return region > 0, kept
 
 
 @dataclass(frozen=True)
