@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
-from rigtwin.measure.bulk.beads import (
-    edges,
-)
+from rigtwin.measure.bulk.beads import edges
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,6 @@ SPOILING = ("level_bed", "smooth_surface", "views_agree")  # if one of these che
 # the same for checks of the stated sizes, which set scale, floor and the offsets from the outline
 STATED = ("stated_floor", "gauge", "bead_size", "walls", "straight_walls", "scale", "camera_roll")
 
-
 MOST_BEYOND = 0.08  # largest share of beads found outside the walls: reflections in the glass look like beads
 
 # Largest relative narrowing of a bed from top to foot.  Perspective from above and near makes a cylinder narrower by

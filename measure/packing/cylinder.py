@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Image
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Image, Mask
 from rigtwin.lab.camera import STATED_SIGMA, Line
 from rigtwin.lab.errors import Mark
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, more_beads, rim_radius
@@ -24,7 +24,6 @@ from rigtwin.measure.packing.graduations import Gauge, find_gauge
 from rigtwin.measure.packing.grain_region import (
     CORE,
     ENDS_AT,
-    Mask,
     Straight,
     grain_region,
     sides,
@@ -325,7 +324,7 @@ def _of_the_bed(
     return Beads(beads.centre[inside], kept.radius), clear, beyond
 
 
-def _filled(beads: Beads, alike: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+def _filled(beads: Beads, alike: FloatImage) -> npt.NDArray[np.bool_]:
     """Mask of circles filled with bead-like pixels; marks on the glass also form circles."""
     filled = cv2.GaussianBlur(alike, (0, 0), 0.5 * beads.radius)
     share = at(filled, beads.centre)
@@ -533,7 +532,7 @@ def _goes_on(gauge: Gauge) -> bool:
     return gauge.lowest > gauge.row_of(-GOES_ON) or gauge.last > gauge.row_of(-SMEARED[0]) + SMEARED[1]
 
 
-def _cut_off(beads: Beads, alike: npt.NDArray[np.float32]) -> bool:
+def _cut_off(beads: Beads, alike: FloatImage) -> bool:
     """Whether the bed reaches the lower edge of the picture, so that the floor is not visible."""
     height = len(alike)
     lowest = float(beads.centre[:, 1].max()) + beads.radius

@@ -9,10 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array, FloatImage, Image
+from rigtwin.lab.arrays import Array, FloatImage, Image, Mask
 from rigtwin.measure.bulk.grain_classes import Grain
-
-Mask = npt.NDArray[np.bool_]
 
 ENDS_AT = 0.5  # probability of grains at which they end
 NEAR = 3.0  # [bead radii], distance from the region within which grains belong to it

@@ -90,11 +90,7 @@ def _moved(found: Silhouette, left: float, top: float) -> Silhouette:
 
 
 def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal_length: float) -> Silhouette:
-    zoom = min(1.0, FINEST / _breadth(photo))
-    image = _shrunk(photo, zoom)
-    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    exposure = exposure_of(grey[::2, ::2])
-    image, grey = exposure.applied(image), exposure.applied(grey)
+    image, grey, zoom = _analysed(photo)
     classes = grain_classes(image)
     grains = _grains(classes)
     disc = find_disc(classes, grey, focal_length=focal_length * zoom, roll=roll)
@@ -139,11 +135,7 @@ def _heap_on(
     photo: Image, base: Line, beads_across: float | None, focal_length: float, flank: Flank | None
 ) -> Silhouette:
     """The heap on a stated base line."""
-    zoom = min(1.0, FINEST / _breadth(photo))
-    image = _shrunk(photo, zoom)
-    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-    exposure = exposure_of(grey[::2, ::2])
-    image, grey = exposure.applied(image), exposure.applied(grey)
+    image, grey, zoom = _analysed(photo)
     (x1, y1), (x2, y2) = ((x * zoom, y * zoom) for x, y in base)
     half, turn = math.hypot(x2 - x1, y2 - y1) / 2, math.atan2(y2 - y1, x2 - x1)
     distance, down, sigma, apart = math.inf, 0.0, 0.0, 0.0
@@ -210,6 +202,15 @@ def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) 
         z = view.camera_height + (height - view.camera_height) * stretch
         rho = np.abs(x) * stretch / np.sqrt(1 - behind * behind)
     return np.sign(x) * rho, z
+
+
+def _analysed(photo: Image) -> tuple[Image, GreyImage, float]:
+    """The picture that is analysed with its exposure evened out, its brightness, and its px per px of the photo."""
+    zoom = min(1.0, FINEST / _breadth(photo))
+    image = _shrunk(photo, zoom)
+    grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+    exposure = exposure_of(grey[::2, ::2])
+    return exposure.applied(image), exposure.applied(grey), zoom
 
 
 def _breadth(picture: Image) -> float:
