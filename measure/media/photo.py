@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from rigtwin.lab.arrays import Image
+from rigtwin.lab.arrays import FloatImage, Image
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure.media import pictures as sources
 from rigtwin.measure.media.ignored_regions import covered
 from rigtwin.measure.media.undistort import straight
 from rigtwin.measure.media.validation import must_exist, must_fit, must_lie_inside
 
+PRINT = 256  # [px], side of the reduced pictures that are compared
+SAME_PICTURE = 0.95  # least correlation of their fine structure in copies of one picture: of views 0.4 to 0.6
 PHOTOS = (".bmp", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
@@ -77,6 +80,28 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
         must_lie_inside(path, camera, photo.shape[1], photo.shape[0])
         photo = covered(photo, camera.ignore) if camera.ignore else photo
     return photo, notes
+
+
+def all_show_different(photos: Sequence[Path]) -> None:
+    """Refuse photos of which one is the picture of another: smaller, compressed again or mirrored.
+
+    Counted twice it would make the mean over views look surer than it is.  Photos of the same scene from the same place
+    differ in what is as fine as grains.
+    """
+    prints: list[tuple[Path, FloatImage]] = []
+    for photo in photos if len(photos) > 1 else ():
+        picture = cv2.cvtColor(read_photo(photo)[0], cv2.COLOR_BGR2GRAY)
+        small = cv2.resize(picture, (PRINT, PRINT), interpolation=cv2.INTER_AREA).astype(np.float32)
+        fine = cv2.GaussianBlur(small, (0, 0), 1.0) - cv2.GaussianBlur(small, (0, 0), 4.0)
+        for earlier, known in prints:
+            alike = [float(np.corrcoef(known.ravel(), one.ravel())[0, 1]) for one in (fine, fine[:, ::-1])]
+            if max(alike) > SAME_PICTURE:
+                how = "" if alike[0] > SAME_PICTURE else ", mirrored"
+                raise BadInput(
+                    f"{photo}: shows the same picture as {earlier}{how}; a copy is no view of its own: take one of "
+                    "them out."
+                )
+        prints.append((photo, np.asarray(fine)))
 
 
 def _phone_photo(path: Path) -> Image:

@@ -17,7 +17,13 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
         raise BadInput(f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, {outside}")
     for option, (x, y) in camera.places():
         if not (-1 <= x <= width and -1 <= y <= height):
-            raise BadInput(f"{path}: {option} names a point at {x:g},{y:g}, {outside}")
+            place = f"the row {y:g}" if option == "--floor" else f"a point at {x:g},{y:g}"
+            raise BadInput(f"{path}: {option} names {place}, {outside}")
+    for x, y, wide, tall in camera.ignore:
+        if x >= width or y >= height or x + wide <= 0 or y + tall <= 0:
+            raise BadInput(f"{path}: --ignore {x:g},{y:g},{wide:g},{tall:g} lies {outside}")
+        if x <= 0 and y <= 0 and x + wide >= width and y + tall >= height:
+            raise BadInput(f"{path}: --ignore {x:g},{y:g},{wide:g},{tall:g} covers the whole picture.")
     if camera.circle is not None and camera.circle[2] > max(width, height):
         raise BadInput(
             f"{path}: --circle has a radius of {camera.circle[2]:g} px, more than {width} x {height} px show."

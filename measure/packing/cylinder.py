@@ -40,8 +40,10 @@ LINE_SIGMA, BORDER_SIGMA = 0.008, 0.017
 THICKEST = 0.08  # of the radius, thickness of a wall
 WITHIN, BEYOND = 0.5, 1.2  # [bead radii], by which a wall may lie within and beyond the usual end of the grains
 OFF_CENTRE = 0.05  # standard uncertainty of the lens's axis in the picture, which may be cropped, over its longer side
-# [bead radii], scatter of the lower ends of the grains about the foot of the bed, and standard uncertainty of its level
-ENDS_SCATTER, ENDS_LEVEL = 0.2, 0.3
+# [bead radii], by which gaps between the lowest grains raise the mean of their lower ends in the middle of the bed:
+# settled beds of a DEM, 6 to 16 beads wide, seen from 6 to 17 degrees above; scatter of the ends; standard uncertainty
+# of their level
+ENDS_GAPS, ENDS_SCATTER, ENDS_LEVEL = 0.18, 0.2, 0.3
 FRONT, BESIDE = 0.4, 1.1  # shares of the radius, by which grains appear below the floor's middle and beside the walls
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
@@ -444,24 +446,34 @@ def _floor(
     """Floor row at the axis, its standard uncertainty, distance of the floor's front below it, its uncertainty [px].
 
     `x` from the axis and `y` are the lower ends of the grains, `known` is the floor row from a gauge.  The foot of a
-    bed seen from above is half an ellipse.  Low floor and steep view are separated only by its shape, so the
-    `slope` of the view is expected with its standard uncertainty.
+    bed seen from above is half an ellipse: of the circle on which the outermost grains touch the floor, a bead radius
+    within the wall, rounded by the grains.  Low floor and steep view are separated only by its shape, so the `slope` of
+    the view is expected with its standard uncertainty.
     """
     from scipy.optimize import least_squares
 
-    arc = np.sqrt(np.clip(1 - (x / half) ** 2, 0, 1))
+    aside = np.linspace(-radius, radius, 25)
+    rises = radius - np.sqrt(radius**2 - aside**2)  # of a grain's lower side, from where it touches the floor
+    widest = half - radius
+    touching = widest**2 - (np.clip(x, -widest, widest)[:, None] + aside) ** 2
+    arcs, outside = np.sqrt(np.maximum(touching, 0)) / half, touching < 0
+    gaps = ENDS_GAPS * radius * (1 - (x / half) ** 2)
+
+    def foot(bulge: float) -> Array:
+        return np.asarray(np.max(np.where(outside, -np.inf, bulge * arcs - rises), axis=1) - gaps)
+
     scale = ENDS_SCATTER * radius
     # the ends within a bead's width belong to one bead
     worth = math.sqrt(2 * half / (2 * radius) / max(len(x), 1))
 
     def misses(sought: Array) -> Array:
         floor, bulge = (sought[0], sought[1]) if known is None else (known, sought[0])
-        off = (y - floor - bulge * arc) / scale
+        off = (y - floor - foot(bulge)) / scale
         # Cauchy: a missed bead ends higher, a shadow or a reflection lower
         return np.append(worth * np.sqrt(2 * np.log1p(off**2 / 2)), (bulge / half - slope[0]) / slope[1])
 
     bulge = slope[0] * half
-    start = [float(np.median(y - bulge * arc)), bulge] if known is None else [bulge]
+    start = [float(np.median(y - foot(bulge))), bulge] if known is None else [bulge]
     found = least_squares(misses, start)
     slopes = np.asarray(found.jac)
     sigma = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))

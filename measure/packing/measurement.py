@@ -18,7 +18,7 @@ from rigtwin.lab.quantity import (
 )
 from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
-from rigtwin.measure.media.photo import read_photo
+from rigtwin.measure.media.photo import all_show_different, read_photo
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import BY_HAND
 from rigtwin.measure.packing.cylinder import Bed
@@ -104,6 +104,7 @@ def measure(
     if not photos:
         raise BadInput("measure packing: no photo given; name one or more photos of the cylinder.")
     all_different(photos)
+    all_show_different([photo for photo in photos if not is_table(photo)])
     if cylinder_diameter is not None and not (math.isfinite(cylinder_diameter) and cylinder_diameter > 0):
         raise BadInput(f"measure packing: cylinder_diameter must be positive, got {cylinder_diameter:g}.")
     seen, views, checks = [], [], []

@@ -36,11 +36,13 @@ def observe(
     places = Stated(camera.cylinder, camera.floor)
     bed = find_bed(image, cylinder=cylinder, bead=bead, roll=camera.roll, region=camera.region, stated=places)
     if isinstance(bed, NoBed):
-        advice = (
-            "give a sharper photo" if camera.cylinder is not None else "state the walls with --cylinder x1,y1,x2,y2"
-        )
+        advice = [
+            *(["the walls with --cylinder x1,y1,x2,y2"] if camera.cylinder is None else []),
+            *(["the part with the bed with --region x,y,width,height"] if camera.region is None else []),
+        ]
+        advised = f"state {' or '.join(advice)}" if advice else "give a sharper photo"
         raise NothingToMeasure(
-            f"{photo}: no bed of beads: {bed.why}; {advice}, or the part with the bed with --region x,y,width,height.",
+            f"{photo}: no bed of beads: {bed.why}; {advised}.",
             Seen(medium=photo, marks=bed.marks),
         )
     scale, uncertainty, source = _scale(photo, bed, camera, cylinder, bead)

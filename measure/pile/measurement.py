@@ -13,6 +13,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.tracked.table import TableOptions, is_table
+from rigtwin.measure.media.photo import all_show_different
 from rigtwin.measure.pile.evaluate import evaluate_views
 from rigtwin.measure.pile.observe import NO_SCALE, Draw, observe_photo, observe_table
 from rigtwin.measure.refusal import shows_refusals
@@ -68,6 +69,7 @@ def measure(
     if not photos:
         raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
     all_different(photos)
+    all_show_different([photo for photo in photos if not is_table(photo)])
     if base_diameter is not None and bead_diameter is not None and bead_diameter >= base_diameter:
         raise BadInput(
             f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "
@@ -91,9 +93,12 @@ def measure(
     quantities = evaluation.quantities
     if not scaled:
         quantities = tuple(quantity for quantity in quantities if quantity.unit != "m")
-        warnings.append(
-            "scale: not known, so heights and widths are omitted; give --base-diameter, --bead-diameter or --scale."
+        advice = (
+            "give --base-diameter, --bead-diameter or --scale"
+            if base_diameter is None
+            else "no base was found to which the base diameter applies; state its ends with --base, or give --scale"
         )
+        warnings.append(f"scale: not known, so heights and widths are omitted; {advice}.")
     return Measurement(
         rig="pile",
         source=photos[0],

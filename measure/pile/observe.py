@@ -96,10 +96,13 @@ def observe_photo(
     try:
         found = look(beads_across=ratio)
     except NothingToMeasure as nothing:
-        advice = "" if camera.base is not None else ", or the line it stands on with --base x1,y1,x2,y2"
+        advice = [
+            "a side view of the whole heap",
+            *(["its place with --region x,y,width,height"] if camera.region is None else []),
+            *(["the line it stands on with --base x1,y1,x2,y2"] if camera.base is None else []),
+        ]
         raise NothingToMeasure(
-            f"{photo}: no heap was found: {nothing.message}; give a side view of the whole heap, its place with "
-            f"--region x,y,width,height{advice}.",
+            f"{photo}: no heap was found: {nothing.message}; give {' or '.join(advice)}.",
             replace(nothing.seen or Seen(), medium=photo),
         ) from None
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
@@ -120,7 +123,7 @@ def observe_photo(
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_UNCERTAINTY if focal_length is None else STATED_FOCAL_UNCERTAINTY),
-        _flaw_of_picture(found) or hidden,
+        _flaw_of_picture(found) or _ignored(found, camera) or hidden,
         2 * found.bead_radius * unit,
         sizes,
         _scale_uncertainty(found, scale_from, camera),
@@ -281,6 +284,17 @@ def _flaw_of_picture(found: Silhouette) -> str:
     apart = np.abs(found.looser - found.stricter)
     if float(np.nanmean(apart > found.bead_radius)) > UNSURE:
         return "more than a fifth of the outline depends on the threshold that separates beads from the background"
+    return ""
+
+
+def _ignored(found: Silhouette, camera: Camera) -> str:
+    """Reason if the outline runs through what is to be ignored, where it is not seen, or ""."""
+    seen = np.isfinite(found.height)
+    points = found.view.to_picture(found.x[seen], found.height[seen]) / found.zoom
+    for x, y, width, height in camera.ignore:
+        inside = np.all((points > (x, y)) & (points < (x + width, y + height)), axis=1)
+        if np.sum(inside) > 2 * found.bead_radius:
+            return f"the outline runs through --ignore {x:g},{y:g},{width:g},{height:g}, where the heap is not seen"
     return ""
 
 

@@ -224,9 +224,9 @@ def heap(scene: Scene, packed: Floats) -> tuple[float, float]:
     inside &= centres[:, 2] > level - 6 / across  # what is deeper is not seen
     inside &= rng.random(len(centres)) > (rng.uniform(0, 0.4) if rng.random() < 0.2 else 0)
     tint = grains(scene, centres[inside] + np.array([0, 0, 1 / across]), 2 / across)
-    thick, foot = math.exp(rng.uniform(math.log(0.015), math.log(0.35))), rng.uniform(0.0, 0.8)
+    thick, foot = math.exp(rng.uniform(math.log(0.01), math.log(0.35))), max(rng.uniform(-0.2, 0.8), 0.0)
     if kind == "disc":
-        like = tint if rng.random() < 0.15 else None
+        like = tint if rng.random() < 0.25 else None
         disc = mesh_of("cylinder", foot=1.0 if rng.random() < 0.85 else rng.uniform(0.85, 1.0))
         scene.add(disc, BASE, material(rng, plain=0.6, like=like), at=(0, 0, -thick / 2), size=(1, 1, thick / 2))
         if foot > 0.03:
@@ -283,13 +283,18 @@ def bed(scene: Scene, packed: Floats) -> tuple[float, float]:
     grains(scene, np.concatenate([layer, core]) + np.array([0, 0, diameter / 2]), diameter)
     pane = glass(rng)
     outer = 1 + rng.uniform(0.01, 0.1)
+    if rng.random() < 0.4:  # a rim that is not clear
+        low = rng.uniform(0.005, 0.05)
+        ring = mesh_of("cylinder", ends=False)
+        scene.add(ring, VESSEL, material(rng, plain=1.0), at=(0, 0, tall - low), size=(outer, outer, low))
     for wide in (outer, 1.0) if rng.random() < 0.6 else (1.0,):
         tube = mesh_of("cylinder", ends=False)
         scene.add(tube, VESSEL, pane, at=(0, 0, tall / 2), size=(wide, wide, tall / 2))
-    base = rng.uniform(0.02, 0.4)
-    wide = outer * rng.uniform(1.0, 1.5)
-    place = {"at": (0, 0, -base / 2 - 0.002), "size": (wide, wide, base / 2)}
-    scene.add(mesh_of(str(rng.choice(["cylinder", "cube"], p=[0.75, 0.25]))), BASE, material(rng), **place)
+    base = rng.uniform(0.02, 0.4) if rng.random() < 0.85 else 0.0
+    if base:
+        wide = outer * rng.uniform(1.0, 1.5)
+        place = {"at": (0, 0, -base / 2 - 0.002), "size": (wide, wide, base / 2)}
+        scene.add(mesh_of(str(rng.choice(["cylinder", "cube"], p=[0.75, 0.25]))), BASE, material(rng), **place)
     if rng.random() < 0.5:
         ruler(scene, (rng.choice([-1, 1]) * rng.uniform(1.15, 1.6), rng.uniform(-0.8, 0.4), 0), tall, True)
     for _ in range(rng.integers(0, 3)):
@@ -392,7 +397,7 @@ def camera(rng: np.random.Generator, width: float, middle: float) -> Any:
     angle = math.radians(rng.uniform(8, 42))
     lens.sensor_fit, lens.angle = "HORIZONTAL", angle
     distance = width / 2 / math.tan(angle / 2) + 0.7
-    pitch = math.radians(rng.uniform(-0.5, 6) if rng.random() < 0.75 else rng.uniform(6, 18))
+    pitch = math.radians(rng.uniform(-0.5, 6) if rng.random() < 0.65 else rng.uniform(6, 24))
     at = np.array([rng.normal(0, 0.05) * width, 0, middle])
     place = at + distance * np.array([rng.normal(0, 0.02), -math.cos(pitch), math.sin(pitch)])
     held = bpy.data.objects.new("camera", lens)

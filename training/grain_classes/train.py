@@ -25,6 +25,7 @@ from torch.nn import functional
 
 WIDTH, HEIGHT = 288, 224  # [px] of the parts of pictures that are shown to the network
 BATCH = 12
+UPRIGHT = 0.25  # share of the batches that are shown as upright pictures
 RATE, DECAY = 2.5e-3, 0.02  # largest step size and weight decay of AdamW
 HELD_OUT = 10  # one of ten groups of five pictures, three heaps and two beds
 SHARE = 0.995  # of the old mean in the running mean of the weights
@@ -76,25 +77,28 @@ class Net(nn.Module):
         return self.last(x)
 
 
-def varied(picture: Picture, kinds: Picture, rng: np.random.Generator) -> tuple[Picture, Picture]:
-    """A part of the picture, stretched, mirrored, with other colours, exposure, sharpness, noise and compression."""
+def varied(
+    picture: Picture, kinds: Picture, rng: np.random.Generator, size: tuple[int, int] = (WIDTH, HEIGHT)
+) -> tuple[Picture, Picture]:
+    """A part of the picture, stretched, mirrored, with other colours, exposure, sharpness, noise and compression.
+
+    `size` is width and height of the part [px].
+    """
     tall, wide = kinds.shape
-    zoom = math.exp(rng.uniform(math.log(0.62), math.log(1.5))) * WIDTH / wide
+    zoom = math.exp(rng.uniform(math.log(0.62), math.log(1.5))) * math.sqrt(size[0] * size[1] / (wide * tall))
     turn, skew = math.radians(rng.normal(0, 2.0)), math.exp(rng.normal(0, 0.06))
     if rng.random() < 0.5:
         picture, kinds = picture[:, ::-1], kinds[:, ::-1]
     # of a narrower picture some border is shown, else any part that holds its middle region
-    free = np.array([wide * zoom - WIDTH, tall * zoom - HEIGHT]) / 2
+    free = np.array([wide * zoom - size[0], tall * zoom - size[1]]) / 2
     shift = rng.uniform(-1, 1, 2) * np.abs(free)
     cos, sin = zoom * math.cos(turn), zoom * math.sin(turn)
     map_ = np.array([[cos * skew, -sin, 0.0], [sin, cos / skew, 0.0]])
-    map_[:, 2] = np.array([WIDTH, HEIGHT]) / 2 + shift - map_[:, :2] @ (np.array([wide, tall]) / 2)
+    map_[:, 2] = np.array(size) / 2 + shift - map_[:, :2] @ (np.array([wide, tall]) / 2)
     way = cv2.INTER_AREA if zoom < 0.8 else cv2.INTER_LINEAR
     mode = cv2.BORDER_REFLECT_101 if rng.random() < 0.5 else cv2.BORDER_REPLICATE
-    shown = cv2.warpAffine(np.ascontiguousarray(picture), map_, (WIDTH, HEIGHT), flags=way, borderMode=mode)
-    classes = cv2.warpAffine(
-        np.ascontiguousarray(kinds), map_, (WIDTH, HEIGHT), flags=cv2.INTER_NEAREST, borderMode=mode
-    )
+    shown = cv2.warpAffine(np.ascontiguousarray(picture), map_, size, flags=way, borderMode=mode)
+    classes = cv2.warpAffine(np.ascontiguousarray(kinds), map_, size, flags=cv2.INTER_NEAREST, borderMode=mode)
     light = shown.astype(np.float32) / 255
     if rng.random() < 0.5:  # dark pictures are stretched before they are shown to the network
         light = light * (rng.uniform(0.6, 1.1) / max(float(np.percentile(light, 99)), 0.02))
@@ -198,7 +202,8 @@ def main() -> None:
                 group["lr"] = (
                     RATE * min(1.0, (steps + 1) / 60) * max(0.5 * (1 + math.cos(math.pi * min(share, 1))), 0.01)
                 )
-            picture, kinds = tensors([varied(*shown[k], rng) for k in rng.integers(len(shown), size=BATCH)])
+            size = (HEIGHT, WIDTH) if rng.random() < UPRIGHT else (WIDTH, HEIGHT)
+            picture, kinds = tensors([varied(*shown[k], rng, size) for k in rng.integers(len(shown), size=BATCH)])
             loss = -(weight * kinds * functional.log_softmax(net(picture), 1)).sum(1).mean()
             climb.zero_grad()
             loss.backward()

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput
 from rigtwin.measure.media.ignored_regions import covered
 from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.media.video import open_video
@@ -38,8 +39,15 @@ def test_nothing_outside_an_ignored_region_changes():
     assert not np.array_equal(result[INSIDE], noisy[INSIDE])
 
 
-def test_a_region_that_is_the_whole_picture_leaves_it():
-    assert np.array_equal(covered(ramp(), [(0.0, 0.0, 120.0, 80.0)]), ramp())
+@pytest.mark.parametrize(
+    ("region", "reason"),
+    [((0.0, 0.0, 120.0, 80.0), "covers the whole picture"), ((120.0, 0.0, 9.0, 9.0), "lies outside the picture")],
+)
+def test_an_ignored_region_that_leaves_nothing_or_does_nothing_is_refused(tmp_path, region, reason):
+    photo = tmp_path / "ramp.png"
+    cv2.imwrite(str(photo), ramp())
+    with pytest.raises(BadInput, match=f"--ignore .* {reason}"):
+        read_photo(photo, Camera(ignore=(region,)))
 
 
 def test_motion_in_an_ignored_region_of_a_film_does_not_show(tmp_path):

@@ -615,6 +615,15 @@ def test_a_mass_that_no_stated_density_confirms_is_reported(tmp_path):
     assert all(one.doubtful for one in sure.quantities if one.quantity == "bulk_density")
 
 
+def test_a_floor_outside_of_the_photo_and_walls_above_each_other_are_refused(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    with pytest.raises(BadInput, match="--floor names the row 5000, outside the picture of 560 x 620 px"):
+        packing.measure([photo], Camera(floor=5000.0), cylinder_diameter=CYLINDER)
+    with pytest.raises(BadInput, match=r"--cylinder names points at .* one above the other"):
+        Camera(cylinder=((300.0, 100.0), (300.0, 500.0)))
+
+
 def test_a_known_length_outside_of_the_photo_is_refused(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)

@@ -757,6 +757,28 @@ def test_two_views_of_one_heap_are_combined(tmp_path: Path) -> None:
     assert len(result.profiles) == 2
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_photo_stored_again_is_no_second_view(tmp_path: Path, mirrored: bool) -> None:
+    photo = photograph(tmp_path, Scene(seed=1))
+    again = tmp_path / "again.jpg"
+    picture = cv2.imread(str(photo))
+    smaller = cv2.resize(picture[:, :: -1 if mirrored else 1], None, fx=0.7, fy=0.7, interpolation=cv2.INTER_AREA)
+    cv2.imwrite(str(again), smaller, [cv2.IMWRITE_JPEG_QUALITY, 60])
+    with pytest.raises(BadInput, match=r"again\.jpg: shows the same picture as .*heap\.jpg" + ", mirrored" * mirrored):
+        measure([photo, again], Camera(), base_diameter=24 * BEAD)
+
+
+def test_a_heap_whose_tip_is_ignored_is_doubtful(tmp_path: Path) -> None:
+    scene = Scene(seed=1)
+    photo = photograph(tmp_path, scene)
+    (left, y), (right, _) = base_of(scene)
+    middle, wide = (left + right) / 2, (right - left) / 5
+    result = measure(
+        [photo], Camera(ignore=((middle - wide / 2, y - 2 * wide, wide, 1.5 * wide),)), base_diameter=24 * BEAD
+    )
+    assert all("runs through --ignore" in quantity.doubtful for quantity in result.quantities)
+
+
 # --- nothing to measure -------------------------------------------------------------------------------------------
 
 
