@@ -14,6 +14,7 @@ from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.drop.bounce_fit import FEWEST_SEEN, LEAST_SEEN, Bounces
 from rigtwin.measure.drop.sideways_motion import fit_sideways
 from rigtwin.measure.media.frame_loss import LEAST_SHARE
+from rigtwin.measure.robust import MAD_TO_STD
 from rigtwin.measure.scene.checks import bead_in_view, static_camera
 
 if TYPE_CHECKING:
@@ -276,7 +277,7 @@ def view_checks(video: Video, seen: Chase, fitted: Bounces, repeats: frozenset[i
         )
     )
     off = np.array([pose.strongest_off for pose in seen.poses if pose.placed]).reshape(-1, 2)
-    hidden = 1.4826 * float(np.max(np.median(np.abs(off - np.median(off, axis=0)), axis=0))) if len(off) else 0.0
+    hidden = MAD_TO_STD * float(np.max(np.median(np.abs(off - np.median(off, axis=0)), axis=0))) if len(off) else 0.0
     if hidden > MOST_HIDDEN:
         shaken += (
             f"; but its strongest edges sway by {hidden:.2f} px against the rest: the camera shook, and a coarse codec "

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check
 from rigtwin.measure.geometry.lines import at
+from rigtwin.measure.robust import mad_std
 
 STATED_TO = math.radians(0.5)  # accuracy of a stated camera roll
 
@@ -223,5 +224,5 @@ def _sharpened(picture: npt.NDArray[np.float32], segment: Array) -> Array:
     for _ in range(3):
         line = np.polyfit(x[kept], (y + off)[kept], 1)
         miss = np.abs(y + off - np.polyval(line, x))
-        kept = miss <= max(2.5 * 1.4826 * float(np.median(miss)), 0.1)
+        kept = miss <= max(2.5 * mad_std(miss, centre=0.0), 0.1)
     return np.array([x[0], np.polyval(line, x[0]), x[-1], np.polyval(line, x[-1])])

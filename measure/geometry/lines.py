@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
+from rigtwin.measure.robust import mad_std
 
 STEP = math.radians(0.1)  # angular resolution of the Hough transform
 
@@ -145,7 +146,7 @@ def straight(x: Array, y: Array, weight: Array) -> tuple[tuple[float, float], fl
         slope = float((w @ ((x - mean_x) * (y - mean_y))) / (w @ (x - mean_x) ** 2 + 1e-12))
         offset = float(mean_y - slope * mean_x)
         miss = np.abs(y - offset - slope * x)
-        scale = max(1.4826 * float(np.median(miss)), 0.05)
+        scale = max(mad_std(miss, centre=0.0), 0.05)
         usual = 1 / (1 + (miss / (2.5 * scale)) ** 2) ** 2
     w = weight * usual
     # residuals of neighbouring columns are correlated (texture, compression): ten columns count as one independent one

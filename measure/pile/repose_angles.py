@@ -15,6 +15,7 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Flank
 from rigtwin.lab.records import Profile
+from rigtwin.measure.robust import mad_std
 
 WINDOW = (0.15, 0.85)  # shares of the heap's height between which a flank is fitted, without toe and tip
 OTHER_WINDOWS = ((0.2, 0.8), (0.1, 0.85), (0.15, 0.75), (0.25, 0.85), (0.1, 0.75), (0.25, 0.75))
@@ -227,7 +228,7 @@ def _orthogonal_fit(x: Array, height: Array, grain: float) -> tuple[Array, Array
         turn = 0.5 * math.atan2(2 * xy, xx - yy)  # the larger principal axis
         direction = np.array([math.cos(turn), math.sin(turn)])
         miss = np.abs(away @ np.array([-direction[1], direction[0]]))
-        bound = max(1.345 * 1.4826 * float(np.median(miss)), 0.5 * grain)
+        bound = max(1.345 * mad_std(miss, centre=0.0), 0.5 * grain)
         before, weight = weight, np.minimum(1.0, bound / np.maximum(miss, 1e-15))
         if float(np.max(np.abs(weight - before))) < 1e-3:
             return direction, middle

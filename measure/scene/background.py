@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import FloatImage, GreyImage
 from rigtwin.measure.media.video import Frame, Video
+from rigtwin.measure.robust import MAD_TO_STD
 from rigtwin.measure.scene.pose import FLICKER, NEAR, Pose, rounded, shakes_of, stands_still
 from rigtwin.measure.scene.scene import Scene
 
@@ -98,7 +99,7 @@ def _of_those_that_fit(
     """
     middle = layers[len(layers) // 2]
     # the spread over time is due to camera shake here: estimate the noise within one frame
-    grain = 1.4826 * float(np.mean(cv2.absdiff(middle, cv2.medianBlur(middle, 3)))) + 0.3
+    grain = MAD_TO_STD * float(np.mean(cv2.absdiff(middle, cv2.medianBlur(middle, 3)))) + 0.3
     one = Scene(middle.astype(np.float32), np.full(middle.shape, grain, dtype=np.float32))
     poses = [one.pose(layer) for layer in layers]
     kept = [k for k, pose in enumerate(poses) if pose.placed]

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Mask
-from rigtwin.measure.robust import mad_std, middle_of
+from rigtwin.measure.robust import MAD_TO_STD, mad_std, middle_of
 from rigtwin.measure.scene.pose import FLICKER, LOST, NEAR, STEADY, Pose, View, rounded, worth_moving
 
 FAR = 0.12  # of the picture's longer side, largest accepted shake
@@ -169,7 +169,7 @@ class Scene:
         """Whether the frame fits there clearly better than some pixels beside; wrong positions may fit partly."""
         if pose.misfit < SHARP * pose.gain * self._contrast:
             return True
-        if 1.4826 * pose.misfit > AS_NOISE * self._noise_at_edges:
+        if MAD_TO_STD * pose.misfit > AS_NOISE * self._noise_at_edges:
             return False
         return pose.misfit < 0.95 * (pose.beside or self._beside(grey, pose))
 
@@ -298,7 +298,7 @@ class Scene:
         for first in range(0, len(poses), AT_ONCE):
             error = np.array(left[first : first + AT_ONCE], dtype=np.float64)
             half = error.shape[1] // 2
-            spread = 1.4826 * np.partition(np.abs(error), half, axis=1)[:, half, None] + 0.3
+            spread = MAD_TO_STD * np.partition(np.abs(error), half, axis=1)[:, half, None] + 0.3
             weighted = slopes * (1 / (1 + (error / (2 * spread)) ** 2) ** 2)[:, None]
             equations = weighted @ slopes.T
             equations += 0.1 * np.trace(equations, axis1=1, axis2=2)[:, None, None] * np.eye(2)
@@ -320,7 +320,7 @@ class Scene:
         for _ in range(8):
             error = anchors.seen(grey, shift) + gain * rows[2]
             misfit = middle_of(np.abs(error))
-            spread = 1.4826 * misfit + 0.3
+            spread = MAD_TO_STD * misfit + 0.3
             weights = 1 / (1 + (error / (2 * spread)) ** 2) ** 2  # robust against a moving bead or hand
             weighted, both = rows * weights, np.concatenate([rows, error[None]])
             one, other = (weighted[:, half] @ both[:, half].T for half in anchors.halves)

@@ -18,7 +18,7 @@ import pandas as pd
 
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.lab.camera import Seed
-from rigtwin.measure.robust import mad_std
+from rigtwin.measure.robust import MAD_TO_STD, mad_std
 from rigtwin.measure.tilt.plate_angle import Arm
 
 SATURATED = 225.0  # [grey levels], lower limit of the level that counts as saturated
@@ -209,7 +209,7 @@ def _gone(
     """
     before, after = stack[:split], stack[split:]
     rest, later = np.median(before, axis=0), np.median(after, axis=0)
-    flicker = 1.4826 * np.median(np.abs(before - rest), axis=0)
+    flicker = MAD_TO_STD * np.median(np.abs(before - rest), axis=0)
     worst = np.abs(before - rest).max(axis=0)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # places that the plate covers from then on
@@ -301,7 +301,7 @@ def _portrait(
     columns = arm.along[corner[1] + left : corner[1] + right]
     cuts = np.stack([arm.cut(frames[n], arm.directions[n], columns, rows) for n in numbers])
     picture = np.median(cuts, axis=0).astype(np.float32)
-    flicker = np.median(np.abs(cuts - picture), axis=0) * 1.4826
+    flicker = np.median(np.abs(cuts - picture), axis=0) * MAD_TO_STD
     usual = float(np.median(flicker)) + 0.5
     near = cv2.dilate(mask[top:bottom, left:right].astype(np.uint8), np.ones((5, 5), np.uint8))
     weight = near / (usual**2 + cv2.blur(flicker.astype(np.float32), (3, 3)) ** 2)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage
 from rigtwin.lab.camera import STATED_SIGMA, Line, Point
 from rigtwin.measure.geometry.lines import fullest_run, gradient, straight
-from rigtwin.measure.robust import mad_std
+from rigtwin.measure.robust import MAD_TO_STD, mad_std
 from rigtwin.measure.tilt.onset import LEAST_TURN
 
 STEEPEST = math.radians(65)  # largest slope of an arm
@@ -316,7 +316,7 @@ def _shifted_pivot(
 def _still(stack: npt.NDArray[np.float32]) -> tuple[FloatImage, FloatImage]:
     """Median over the stack and the scatter about it."""
     middle = np.median(stack, axis=0).astype(np.float32)
-    scatter = np.median(np.abs(stack - middle), axis=0).astype(np.float32) * np.float32(1.4826)
+    scatter = np.median(np.abs(stack - middle), axis=0).astype(np.float32) * np.float32(MAD_TO_STD)
     return middle, np.asarray(cv2.blur(scatter, (5, 3)) + np.float32(0.5), dtype=np.float32)
 
 

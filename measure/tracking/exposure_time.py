@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.measure.robust import MAD_TO_STD
 from rigtwin.measure.tracking.link import SpotPath
 
 LEAST_SHARE = 0.02  # smallest share of the frame interval; 0 would mean unknown
@@ -81,7 +82,7 @@ def shutter_of(tried: Array, misfits: Array, ways: Array) -> Shutter:
     if np.sum(sharpness) <= 0:
         return NOT_MEASURED
     share = _weighted_median(shares, sharpness)
-    scatter = 1.4826 * _weighted_median(np.abs(shares - share), sharpness)
+    scatter = MAD_TO_STD * _weighted_median(np.abs(shares - share), sharpness)
     count = float(np.sum(sharpness) ** 2 / np.sum(sharpness**2))
     return Shutter(share, math.hypot(scatter / math.sqrt(count), STREAK_UNCERTAINTY / float(np.max(ways))))
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Mask
-from rigtwin.measure.robust import middle_of
+from rigtwin.measure.robust import MAD_TO_STD, middle_of
 
 LARGEST_RADIUS = 20.0  # [px], beads of at least twice this radius are downsampled by block means to save time
 
@@ -89,7 +89,7 @@ def start_from_moments(patch: Patch, blur_guess: tuple[float, float]) -> Array |
     square = away_x * away_x + away_y * away_y
     if float(square.min()) >= max(patch.radius, 2.0) ** 2:
         return None
-    noise = 1.4826 * middle_of(np.abs(values - middle_of(values.ravel())).ravel())
+    noise = MAD_TO_STD * middle_of(np.abs(values - middle_of(values.ravel())).ravel())
     threshold = max(0.4 * _part(level.ravel(), 0.97), 1.5 * noise, 1.0)
     count, labels, stats, _ = cv2.connectedComponentsWithStats((level > threshold).astype(np.uint8), connectivity=4)
     nearness = level / (1 + square / patch.radius**2)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Mask
-from rigtwin.measure.robust import correlation_excess, middle_of
+from rigtwin.measure.robust import MAD_TO_STD, correlation_excess, middle_of
 from rigtwin.measure.tracking.bead_image import LEAST_SIGMA, LIGHTS, SHAPES, BeadFit, BeadImage, Look, Shading
 from rigtwin.measure.tracking.disc_model import Pixels, Prior
 from rigtwin.measure.tracking.patch import Patch, cut_patch, start_from_moments, surroundings
@@ -147,7 +147,7 @@ def common_look(fits: Sequence[BeadFit]) -> Look:
     table = np.array([np.concatenate([[fit.look.radius, fit.look.edge], fit.look.light]) for fit in fits])
     # a fit of another object is an outlier in several parameters: use only the inliers
     middle = np.median(table, axis=0)
-    spread = 1.4826 * np.median(np.abs(table - middle), axis=0) + 1e-6
+    spread = MAD_TO_STD * np.median(np.abs(table - middle), axis=0) + 1e-6
     inner = np.flatnonzero(np.max(np.abs(table - middle) / spread, axis=1) < 4).tolist()
     inner = inner if len(inner) >= 3 else list(range(len(fits)))
     certainty = np.array([fits[k].certainty() for k in inner])
@@ -292,9 +292,9 @@ def _variance(residual: Array, cover: Array) -> Array:
     """
     # dither: the median of integer grey levels would be an integer, too (a noise of 2.4 would count as 3)
     off = np.abs(residual + _between_levels(len(residual)))
-    around = max(1.4826 * middle_of(off), 0.4)
+    around = max(MAD_TO_STD * middle_of(off), 0.4)
     inside = off[: len(cover)][cover > 0.5]
-    within = max(1.4826 * middle_of(inside), around) if len(inside) > 8 else around
+    within = max(MAD_TO_STD * middle_of(inside), around) if len(inside) > 8 else around
     variance = np.full(len(residual), around**2)
     variance[: len(cover)] += cover * (within**2 - around**2)
     return variance
