@@ -16,7 +16,7 @@ from shapes import Floats
 from surroundings import Scene, clutter, coat, colour_of, ruler, table
 
 MOST = 5000  # grains
-SURFACE = 0.8  # share of a sphere, seen from above, that is free if it belongs to the surface of a bed
+SURFACE = 0.8  # [grain diameters], as `measure packing` defines the surface of a bed
 
 
 @dataclass
@@ -142,17 +142,10 @@ def heap(rng: np.random.Generator) -> Rig:
 
 
 def surface_height(centres: Floats, radius: float) -> float:
-    """Mean top of the spheres at the surface of a bed in a cylinder of radius 1."""
-    grid = np.arange(-1, 1, radius / 8)
-    x, y = (values.ravel() for values in np.meshgrid(grid, grid))
-    highest, owner, area = np.full(len(x), -np.inf), np.zeros(len(x), int), np.ones(len(centres))
-    for index, centre in enumerate(centres):
-        rise = radius**2 - (x - centre[0]) ** 2 - (y - centre[1]) ** 2
-        level = centre[2] + np.sqrt(np.maximum(rise, 0))
-        higher = (rise > 0) & (level > highest)
-        highest[higher], owner[higher], area[index] = level[higher], index, np.count_nonzero(rise > 0)
-    free = np.bincount(owner, minlength=len(centres)) / area
-    return float(np.mean(centres[free > SURFACE, 2]) + radius)
+    """Mean top of the grains at the surface: those without a higher grain whose centre is within `SURFACE` aside."""
+    near = cKDTree(centres[:, :2]).query_ball_point(centres[:, :2], 2 * SURFACE * radius)
+    free = [index for index, others in enumerate(near) if centres[others, 2].max() <= centres[index, 2]]
+    return float(np.mean(centres[free, 2]) + radius)
 
 
 def bed(rng: np.random.Generator) -> Rig:
