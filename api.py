@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
+from rigtwin.lab.rigs import RIGS, RigName
+
 if TYPE_CHECKING:
     from rigtwin.commands.run_command import Work
     from rigtwin.compare.comparison import Comparison
@@ -23,12 +25,11 @@ if TYPE_CHECKING:
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Measurement
 
-MeasuredRig = Literal["drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"]
 Setting = str | float | int | Path | Sequence[str] | None
 
 
 def measure(
-    rig: MeasuredRig,
+    rig: RigName,
     *media: str | Path,
     out: str | Path | None = None,
     progress: Progress | None = None,
@@ -38,8 +39,8 @@ def measure(
 
     Parameters
     ----------
-    rig : {"drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"}
-        The rig that the media show.
+    rig : str
+        The rig that the media show, one of `rigtwin.lab.rigs.RIGS`.
     *media : str or pathlib.Path
         One clip, or one or more photos of the same bed or heap.
     out : str or pathlib.Path, optional
@@ -76,14 +77,15 @@ def measure(
     from tempfile import TemporaryDirectory
 
     from rigtwin.commands import measure as commands
+    from rigtwin.commands.run_command import media_of
     from rigtwin.lab.errors import BadInput
     from rigtwin.lab.progress import silent
 
-    if rig not in get_args(MeasuredRig):
-        raise _unknown("rig", rig, get_args(MeasuredRig))
+    if rig not in RIGS:
+        raise _unknown("rig", rig, RIGS)
     command = _command(commands.app, rig)
     paths = [Path(each) for each in media]
-    positional = next(iter(inspect.signature(command).parameters))
+    positional = media_of(command)
     many = positional == "photos"
     if not paths or (len(paths) > 1 and not many):
         raise BadInput(
@@ -102,13 +104,13 @@ def measure(
     return measurement.without_files()
 
 
-def simulate(rig: MeasuredRig, *, progress: Progress | None = None, **settings: Setting) -> Twin:
+def simulate(rig: RigName, *, progress: Progress | None = None, **settings: Setting) -> Twin:
     """Run the digital twin of one rig.
 
     Parameters
     ----------
-    rig : {"drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"}
-        The rig.
+    rig : str
+        The rig, one of `rigtwin.lab.rigs.RIGS`.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
     **settings : str, float, int, pathlib.Path or None
@@ -135,8 +137,8 @@ def simulate(rig: MeasuredRig, *, progress: Progress | None = None, **settings: 
     from rigtwin.commands import simulate as commands
     from rigtwin.lab.progress import silent
 
-    if rig not in get_args(MeasuredRig):
-        raise _unknown("rig", rig, get_args(MeasuredRig))
+    if rig not in RIGS:
+        raise _unknown("rig", rig, RIGS)
     twin: Twin = _run(_work(_command(commands.app, rig), {}, settings), progress=progress or silent)
     return twin
 
