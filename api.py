@@ -14,6 +14,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
+from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.rigs import RIGS, RigName
+
 if TYPE_CHECKING:
     from rigtwin.commands.run_command import Work
     from rigtwin.compare.comparison import Comparison
@@ -23,12 +26,11 @@ if TYPE_CHECKING:
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Measurement
 
-MeasuredRig = Literal["drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"]
-Setting = str | float | int | Path | Sequence[str] | None
+Setting = str | float | int | Path | Sequence[str | Path] | None
 
 
 def measure(
-    rig: MeasuredRig,
+    rig: RigName,
     *media: str | Path,
     out: str | Path | None = None,
     progress: Progress | None = None,
@@ -38,8 +40,8 @@ def measure(
 
     Parameters
     ----------
-    rig : {"drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"}
-        The rig that the media show.
+    rig : str
+        The rig that the media show, one of `rigtwin.lab.rigs.RIGS`.
     *media : str or pathlib.Path
         One clip, or one or more photos of the same bed or heap.
     out : str or pathlib.Path, optional
@@ -76,14 +78,14 @@ def measure(
     from tempfile import TemporaryDirectory
 
     from rigtwin.commands import measure as commands
-    from rigtwin.lab.errors import BadInput
+    from rigtwin.commands.run_command import media_of
     from rigtwin.lab.progress import silent
 
-    if rig not in get_args(MeasuredRig):
-        raise _unknown("rig", rig, get_args(MeasuredRig))
+    if rig not in RIGS:
+        raise _unknown("rig", rig, RIGS)
     command = _command(commands.app, rig)
     paths = [Path(each) for each in media]
-    positional = next(iter(inspect.signature(command).parameters))
+    positional = media_of(command)
     many = positional == "photos"
     if not paths or (len(paths) > 1 and not many):
         raise BadInput(
@@ -102,13 +104,13 @@ def measure(
     return measurement.without_files()
 
 
-def simulate(rig: MeasuredRig, *, progress: Progress | None = None, **settings: Setting) -> Twin:
+def simulate(rig: RigName, *, progress: Progress | None = None, **settings: Setting) -> Twin:
     """Run the digital twin of one rig.
 
     Parameters
     ----------
-    rig : {"drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"}
-        The rig.
+    rig : str
+        The rig, one of `rigtwin.lab.rigs.RIGS`.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
     **settings : str, float, int, pathlib.Path or None
@@ -135,8 +137,8 @@ def simulate(rig: MeasuredRig, *, progress: Progress | None = None, **settings: 
     from rigtwin.commands import simulate as commands
     from rigtwin.lab.progress import silent
 
-    if rig not in get_args(MeasuredRig):
-        raise _unknown("rig", rig, get_args(MeasuredRig))
+    if rig not in RIGS:
+        raise _unknown("rig", rig, RIGS)
     twin: Twin = _run(_work(_command(commands.app, rig), {}, settings), progress=progress or silent)
     return twin
 
@@ -194,9 +196,10 @@ class OpenLab:
         self,
         *,
         out: str | Path | None = None,
-        only: Sequence[str] = (),
+        only: str | Sequence[str] = (),
+        workers: int | None = None,
         progress: Progress | None = None,
-        **settings: Any,
+        **settings: Setting,
     ) -> Comparison:
         """Measure every experiment, run its twin and set the two side by side.
 
@@ -204,27 +207,39 @@ class OpenLab:
         ----------
         out : str or pathlib.Path, optional
             Folder for tables, report and provenance; ``out`` in the lab folder by default.
-        only : sequence of str, optional
+        only : str or sequence of str, optional
             Ids of the experiments to take; all by default.
+        workers : int, optional
+            Number of measuring processes, one for each core by default.
         progress : callable, optional
             Called as ``progress(stage, done, total)``.
-        **settings
-            ``count``, ``seed``, ``runs``, ``threads``, ``workers``, ``model``, ``stiffness_factor``, ``rolling`` of
-            `rigtwin.compare.compare_lab.compare`.
+        **settings : str, float, int, pathlib.Path or None
+            Options of ``rigtwin compare`` with underscores: ``runs=3``, ``model="model.toml"``, ``rolling_model="A"``.
 
         Returns
         -------
         rigtwin.compare.comparison.Comparison
             Percent deviations; ``to_frame()`` gives them as a table.
+
+        Raises
+        ------
+        rigtwin.lab.errors.BadInput
+            If a setting is unknown or cannot be, or no repetition of an experiment can be measured.
         """
-        from rigtwin.compare.compare_lab import compare
+        from rigtwin.commands import labs
         from rigtwin.lab.progress import silent
 
-        folder = self.folder / "out" if out is None else Path(out)
-        return compare(self.folder, folder, progress or silent, only=only or None, **settings)
+        work = _work(_inner(labs.compare), {"lab": self.folder}, {"out": out, "only": only, **settings})
+        comparison: Comparison = _run(work, workers=workers, progress=progress or silent)
+        return comparison
 
     def diagnose(
-        self, *, out: str | Path | None = None, only: Sequence[str] = (), progress: Progress | None = None
+        self,
+        *,
+        out: str | Path | None = None,
+        only: str | Sequence[str] = (),
+        progress: Progress | None = None,
+        **settings: Setting,
     ) -> Diagnosis:
         """Find where twin and measurement disagree, and which effect the model lacks.
 
@@ -232,28 +247,39 @@ class OpenLab:
         ----------
         out : str or pathlib.Path, optional
             Folder for results; ``out`` in the lab folder by default.
-        only : sequence of str, optional
+        only : str or sequence of str, optional
             Ids of the experiments to take; all by default.
         progress : callable, optional
             Called as ``progress(stage, done, total)``.
+        **settings : str, pathlib.Path or sequence of these
+            Options of ``rigtwin diagnose``: ``effect="my_effect.py"``, an effect of your own, or several.
 
         Returns
         -------
         rigtwin.compare.diagnose.diagnosis.Diagnosis
             The verdict, the named effects with their parameters, and the gap before and after.
+
+        Raises
+        ------
+        rigtwin.lab.errors.BadInput
+            If a setting is unknown, or the lab cannot be diagnosed.
         """
-        from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
+        from rigtwin.commands import labs
         from rigtwin.lab.progress import silent
 
-        folder = self.folder / "out" if out is None else Path(out)
-        diagnosis, _files = diagnose_folder(self.folder, folder, only=tuple(only), progress=progress or silent)
+        work = _work(_inner(labs.diagnose), {"lab": self.folder}, {"out": out, "only": only, **settings})
+        diagnosis: Diagnosis
+        diagnosis, _files = _run(work, progress=progress or silent)
         return diagnosis
 
 
 def _command(app: Any, rig: str) -> Callable[..., Work]:
+    return _inner(next(command.callback for command in app.registered_commands if command.name == rig))
+
+
+def _inner(command: Any) -> Callable[..., Work]:
     """The command's function with all options of its experiment, without those of the command line's output."""
-    callback = next(command.callback for command in app.registered_commands if command.name == rig)
-    inner: Callable[..., Work] = callback.__wrapped__
+    inner: Callable[..., Work] = command.__wrapped__
     return inner
 
 
@@ -270,8 +296,6 @@ def _work(command: Callable[..., Work], given: dict[str, Any], settings: dict[st
         elif parameter.default is not inspect.Parameter.empty:
             given[name] = parameter.default
         else:
-            from rigtwin.lab.errors import BadInput
-
             raise BadInput(f"{name}: is missing; give it as a keyword argument.")
     work: Work = _in_own_words(lambda: command(**given))
     return work
@@ -284,24 +308,28 @@ def _run(work: Work, **more: Any) -> Any:
 def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     """A setting as its command takes it: text through the option's own reader, a number in SI as it is."""
     kind, option = get_args(parameter.annotation)[:2]
-    if any(get_origin(each) is list for each in get_args(kind)):  # an option that may be repeated
-        parser = getattr(option, "parser", None) or str
-        return [parser(str(each)) for each in ([value] if isinstance(value, str) else value)]
+    listed = next((get_args(each)[0] for each in get_args(kind) if get_origin(each) is list), None)
+    if listed is not None:  # an option that may be repeated
+        parser = getattr(option, "parser", None) or listed
+        several = [value] if isinstance(value, (str, Path)) else value
+        if not isinstance(several, Sequence):
+            raise BadInput(f"{name}: {value!r} is neither a text nor a list of texts.")
+        return [parser(str(each)) for each in several]
     if getattr(option, "parser", None) is not None:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return option.parser(float(value) if number else str(value))
     kinds = get_args(kind) if get_origin(kind) is not Literal else (kind,)
+    if Path in kinds:
+        if not isinstance(value, (str, Path)):
+            raise BadInput(f"{name}: {value!r} is not the name of a file or folder.")
+        return Path(value)
     choices = next((get_args(each) for each in kinds if get_origin(each) is Literal), None)
     if choices is not None and value not in choices:
         raise _unknown(name, value, choices)
     if (kind is bool or bool in kinds) and not isinstance(value, bool):
-        from rigtwin.lab.errors import BadInput
-
         raise BadInput(f"{name}: {value!r} is neither True nor False.")
     whole = int in kinds or kind is int
     if whole and (isinstance(value, bool) or not isinstance(value, int) or not _within(value, option)):
-        from rigtwin.lab.errors import BadInput
-
         raise BadInput(f"{name}: {value!r} is not a whole number of the range that is allowed; see the option's help.")
     return value
 
@@ -312,8 +340,6 @@ def _within(value: int, option: Any) -> bool:
 
 def _in_own_words(call: Callable[[], Any]) -> Any:
     """Call; a refusal names the keyword argument where the command line names the option."""
-    from rigtwin.lab.errors import BadInput, RigtwinError
-
     try:
         return call()
     except RigtwinError as error:
@@ -325,8 +351,6 @@ def _in_own_words(call: Callable[[], Any]) -> Any:
 
 
 def _unknown(what: str, name: object, known: Sequence[str]) -> Exception:
-    from rigtwin.lab.errors import BadInput
-
     close = get_close_matches(str(name), known, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(known)}."
     return BadInput(f"{what}: there is no {name!r}{hint}")

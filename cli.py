@@ -15,9 +15,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from rigtwin.commands import measure, simulate
-from rigtwin.commands.display import print_json, show_comparison, show_diagnosis, show_reproduction
-from rigtwin.commands.options import Json, Out, Quiet, Runs, Seed, Stiffness, Threads, TimeStep, file_option, out_option
+from rigtwin.commands import labs, measure, simulate
+from rigtwin.commands.display import print_json, show_comparison, show_reproduction
+from rigtwin.commands.options import Json, Quiet, Runs, Seed, Stiffness, Threads, TimeStep, file_option, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 from rigtwin.lab.version import __version__
@@ -102,77 +102,8 @@ def init(
         )
 
 
-@app.command(epilog="Example: rigtwin compare my-lab --only drop-D6-steel --out results")
-@finished(show_comparison)
-def compare(
-    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
-    *,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="ID", help="Only this experiment; may be given again.")
-    ] = None,
-    count: Annotated[
-        int | None,
-        typer.Option(
-            "--count", min=1, max=MOST_PARTICLES, help="Particles in the pile's twin, where lab.toml gives none."
-        ),
-    ] = None,
-    seed: Seed = 1,
-    runs: Runs = 1,
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", metavar="FILE", help="A model.toml: its contacts and effects go before lab.toml's."),
-    ] = None,
-    threads: Threads = None,
-    stiffness_factor: Stiffness = None,
-    rolling: simulate.RollingOfMany = None,
-    out: Out = None,
-) -> Work:
-    """Measure a whole lab, run its twins, write percent deviations.
-
-    Every experiment of lab.toml is measured and its matched twin run; a table, CSV and JSON files and a report tell
-    measured, simulated and the difference.
-    """
-    from rigtwin.compare.compare_lab import compare as compare_lab
-
-    return partial(
-        compare_lab,
-        lab,
-        _beside(lab, out),
-        only=only,
-        count=count,
-        seed=seed,
-        runs=runs,
-        model=model,
-        threads=threads,
-        stiffness_factor=stiffness_factor,
-        rolling=None if rolling is None else simulate.rolling_law(rolling),
-    )
-
-
-@app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")
-@finished(show_diagnosis)
-def diagnose(
-    lab: Annotated[
-        Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions, or a lab.toml.")
-    ],
-    *,
-    only: Annotated[
-        list[str] | None,
-        typer.Option("--only", metavar="ID", help="This experiment of a lab.toml; may be given again."),
-    ] = None,
-    effect: Annotated[
-        list[Path] | None,
-        typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
-    ] = None,
-    out: Out = None,
-) -> Work:
-    """Find where twin and measurement disagree, and what is missing.
-
-    The missing effect is named, added to the model, and the gap before and after is shown.
-    """
-    from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
-
-    return partial(diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or ())
+app.command(epilog="Example: rigtwin compare my-lab --only drop-D6-steel --out results")(labs.compare)
+app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
 
 
 @app.command(epilog="Example: rigtwin export liggghts --particle D6 --wall steel --out d6-steel.in")
@@ -185,7 +116,7 @@ def export(
     restitution: simulate.Restitution = None,
     static_friction: simulate.StaticFriction = None,
     rolling_friction: simulate.RollingFriction = None,
-    rolling: simulate.RollingModel = "C",
+    rolling_model: simulate.RollingModel = "C",
     stiffness_factor: Stiffness = 1e-3,
     time_step_fraction: TimeStep = 0.3,
     out: Annotated[Path | None, file_option("--out", "FILE", "Write it here; standard output by default.")] = None,
@@ -203,7 +134,7 @@ def export(
     made = convert(
         code,
         *cast,
-        rolling=simulate.rolling_law(rolling),
+        rolling=simulate.rolling_law(rolling_model),
         stiffness_factor=stiffness_factor or 1e-3,
         time_step_fraction=time_step_fraction,
     )
@@ -234,7 +165,7 @@ def reproduce(
         bool, typer.Option("--quick", help="A representative part, in minutes; of a study one heap a point.")
     ] = False,
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
-    rolling: simulate.RollingModel = "A",
+    rolling_model: simulate.RollingModel = "A",
     repetitions: Annotated[
         int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell or point of a study.")
     ] = None,
@@ -255,15 +186,11 @@ def reproduce(
         study=study,
         quick=quick,
         only_kept=kept,
-        rolling=simulate.rolling_law(rolling),
+        rolling=simulate.rolling_law(rolling_model),
         repetitions=repetitions,
         seed=seed,
         workers=workers,
     )
-
-
-def _beside(lab: Path, out: Path | None) -> Path:
-    return out or (lab if lab.is_dir() else lab.parent) / "out"
 
 
 def main() -> None:

@@ -249,7 +249,7 @@ TimeStep = Annotated[
         "Time step of the twin in parts of Rayleigh's; 0.3, or less for more accurate contacts.",
     ),
 ]
-Forced = Annotated[bool, typer.Option("--force", help="Take a time step that is known to be unstable, too.")]
+Force = Annotated[bool, typer.Option("--force", help="Take a time step that is known to be unstable, too.")]
 Device = Annotated[
     device.Device,
     typer.Option(

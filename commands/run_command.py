@@ -6,6 +6,7 @@ such as ``--json`` are added to its own.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
@@ -33,11 +34,13 @@ def finished(show: Callable[[Any, bool, bool], None]) -> Callable[[Command], Com
 
 def measured(rig: str) -> Callable[[Command], Command]:
     """Measure; the first argument of the work is the clip, or the list of photos."""
-    name = "the photo's" if rig in ("packing", "pile") else "the clip's"
-    folder_text = (
-        f"Folder for results; by default out/{rig}/NAME (NAME being {name}), "
-        "with ~2, ~3 ... behind it where another input's results stand."
-    )
+
+    def folder_text(command: Command) -> str:
+        name = "the photo's" if media_of(command) == "photos" else "the clip's"
+        return (
+            f"Folder for results; by default out/{rig}/NAME (NAME being {name}), "
+            "with ~2, ~3 ... behind it where another input's results stand."
+        )
 
     def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
         work: Work = own()
@@ -47,7 +50,12 @@ def measured(rig: str) -> Callable[[Command], Command]:
         measurement = _done(partial(work, out=folder), hidden=as_json or quiet)
         show_measurement(keep(measurement, folder, work.args[0]), as_json, quiet)
 
-    return lambda command: with_options(command, _with_out(folder_text), around)
+    return lambda command: with_options(command, _with_out(folder_text(command)), around)
+
+
+def media_of(command: Command) -> str:
+    """The name of the command's first parameter: "clip", or "photos" of which there may be several."""
+    return next(iter(inspect.signature(command).parameters))
 
 
 def simulated(rig: str) -> Callable[[Command], Command]:

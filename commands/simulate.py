@@ -14,7 +14,7 @@ import typer
 from rigtwin.commands.options import (
     Command,
     Device,
-    Forced,
+    Force,
     Seed,
     Stiffness,
     Threads,
@@ -119,8 +119,8 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
         "seed": (Seed, 1),
         "stiffness_factor": (Stiffness, 1e-3),
         "time_step_fraction": (TimeStep, 0.3),
-        "forced": (Forced, False),
-        "rolling": (RollingModel, "C"),
+        "force": (Force, False),
+        "rolling_model": (RollingModel, "C"),
         "contact_law": (ContactLaw, "Hertz-Mindlin"),
         "impact_speed": (ImpactSpeed, None),
         "threads": (Threads, None),
@@ -132,7 +132,8 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
 
     def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
         asked = {name: value for name, value in said.items() if name not in casting}
-        asked["rolling"] = rolling_law(asked["rolling"])
+        asked["rolling"] = rolling_law(asked.pop("rolling_model"))
+        asked["forced"] = asked.pop("force")
         only_with("--contact-law", asked["contact_law"], {"--impact-speed": (asked["impact_speed"], "linear")})
         if asked["impact_speed"] is None:
             del asked["impact_speed"]

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
 from rigtwin.compare.comparison import Comparison, Outcome
-from rigtwin.compare.curve_overlays import overlays
+from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
 from rigtwin.compare.measure_repetitions import Measured, measuring
 from rigtwin.compare.preflight import need_possible
@@ -322,14 +322,16 @@ def _need_one(experiment: Experiment, measured: Measured) -> None:
 
 
 def _outcome(experiment: Experiment, measured: Measured, twins: Sequence[Twin]) -> Outcome:
+    entry = entry_of(experiment)
     rows = deviations(
         experiment.id,
         experiment.rig_name,
         [quantity for item in measured.measurements for quantity in over_views(item.quantities)],
         [quantity for twin in twins for quantity in over_views(twin.evaluation.quantities)],
         set_from=twins[0].set_from,
+        run_name=entry.run_name,
     )
-    shapes = overlays(experiment.rig, experiment.particle.diameter, measured.measurements, twins)
+    shapes = comparable(entry.curves(experiment, measured.measurements, twins))
     return Outcome(experiment, measured.measurements, measured.failures, twins[0], rows, tuple(twins[1:]), shapes)
 
 

@@ -2,41 +2,24 @@
 
 from __future__ import annotations
 
-import math
-import statistics
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from rigtwin.compare.curve_overlays import Overlay
 from rigtwin.compare.deviation import MOMENTS, Deviation, group, key_of, over_views
 from rigtwin.compare.measure_repetitions import Failure
-from rigtwin.compare.twins.matched import (
-    measured_start,
-    stated_start,
-)
+from rigtwin.compare.twins.matched import measured_start, stated_start
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.formatting import reading, title
 from rigtwin.lab.quantity import Measurement
-from rigtwin.lab.records import Series
-from rigtwin.lab.rigs import TiltSettings
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    pass
-
-
-OTHER_SPEED = 0.05  # relative accuracy with which the speed of a plate is usually set or read
-
-STRETCHES = 4  # parts of a plate's rise whose speeds are compared
-
-LEAST_IN_STRETCH = 5  # smallest number of frames in such a part, so that no single frame determines the slope
 
 
 @dataclass(frozen=True)
@@ -136,12 +119,11 @@ def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
 
 
 def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """A warning for each repetition whose measured start or tilt speed differs from that in the lab file.
+    """A warning for each repetition whose measured start, or another setting, differs from that in the lab file.
 
     Possible causes are a wrong clip, a wrong scale, or a missed first bounce.
     """
-    if isinstance(experiment.rig, TiltSettings) and experiment.rig.speed is not None:
-        yield from _against_speed(math.degrees(experiment.rig.speed), measurements)
+    yield from entry_of(experiment).contradictions(experiment, measurements)
     stated = stated_start(experiment)
     if stated is None:
         return
@@ -153,37 +135,6 @@ def _against_stated(experiment: Experiment, measurements: Sequence[Measurement])
                 f"{item.source.name}: the measured {found.quantity.replace('_', ' ')} is {was}, but the lab file "
                 f"states {should}; either an early part of the motion was missed, or clip, scale or setting are wrong"
             )
-
-
-def _against_speed(stated: float, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """A warning for each film whose plate never rises at a rate near the stated one [deg/s]."""
-    for item in measurements:
-        rates = [rate for angle in item.series if angle.quantity == "plate_angle" for rate in _rising(angle)]
-        # the speed of a hand-turned screw varies and the measured rates are noisy: all parts must disagree
-        if rates and not (1 - OTHER_SPEED) * min(rates) <= stated <= (1 + OTHER_SPEED) * max(rates):
-            found = reading(statistics.fmean(rates), statistics.stdev(rates), "deg")
-            yield (
-                f"{item.source.name}: the plate rises by {found} per second, but the lab file states a speed of "
-                f"{stated:.3g} deg/s, with which the twin was run; correct the speed, or the camera's frame_rate, to "
-                "which the measured speed is proportional"
-            )
-
-
-def _rising(angle: Series) -> list[float]:
-    """Rates [deg/s] in equal parts of the time in which the plate rises; empty if there are too few frames."""
-    known = np.isfinite(angle.value)
-    time, turned = angle.time[known], angle.value[known]
-    if angle.unit == "rad":
-        turned = np.degrees(turned)
-    if len(time) < STRETCHES * LEAST_IN_STRETCH:
-        return []
-    # leave out the time before the plate starts and after it stops, with a margin
-    low, high = turned.min(), turned.max()
-    under_way = np.flatnonzero((turned > low + 0.2 * (high - low)) & (turned < high - 0.1 * (high - low)))
-    if len(under_way) < STRETCHES * LEAST_IN_STRETCH:
-        return []
-    whole = np.arange(under_way[0], under_way[-1] + 1)
-    return [float(np.polyfit(time[part], turned[part], 1)[0]) for part in np.array_split(whole, STRETCHES)]
 
 
 def _with_source(item: Measurement, warning: str) -> str:

@@ -21,16 +21,6 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Profile, Series, Track
-from rigtwin.lab.rigs import (
-    DropSettings,
-    DrumSettings,
-    HopperSettings,
-    PackingSettings,
-    PendulumSettings,
-    PileSettings,
-    RigSettings,
-    TiltSettings,
-)
 
 GRID = 400  # points of the common axis
 STEADY = 0.5  # share of a drum's film after which its surface counts as steady
@@ -115,32 +105,18 @@ class Overlay:
         }
 
 
-def overlays(
-    rig: RigSettings, bead_diameter: float, measured: Sequence[Measurement], twins: Sequence[Any]
-) -> tuple[Overlay, ...]:
-    """The overlays of an experiment that have both sides; `bead_diameter` in [m], `twins` are the runs of the twin."""
-    match rig:
-        case DropSettings():
-            found = _drop(measured, twins, bead_diameter)
-        case PendulumSettings():
-            found = _pendulum(measured, twins, rig.length, bead_diameter)
-        case TiltSettings():
-            found = _tilt(measured, twins, bead_diameter)
-        case HopperSettings():
-            found = _hopper(measured, twins)
-        case DrumSettings():
-            found = _drum(measured, twins, rig.drum_diameter, bead_diameter)
-        case PackingSettings():
-            found = _surface("outline of the bed", measured, twins, bead_diameter, rig.cylinder_diameter)
-        case PileSettings():
-            found = _surface("outline of the heap", measured, twins, bead_diameter, None)
+def comparable(found: Iterable[Overlay]) -> tuple[Overlay, ...]:
+    """The overlays that have both sides, with a range of x in which both are known."""
     return tuple(shape for shape in found if shape.measured and shape.simulated and shape.meet)
 
 
-# ---------------------------------------------------------------------- the rigs
+# ---------------------------------------------------------------------- curves of the rigs
+# `measured` are the measurements of an experiment, `twins` the runs of its twin; either side may have no such record
 
 
-def _drop(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
+def height_over_time(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
+    """Height of a bead of diameter `bead` [m], from its first contact."""
+
     def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
         return tuple(_since_contact(one.tracks[0]) for one in side if one.tracks)
 
@@ -155,10 +131,11 @@ def _drop(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) ->
     )
 
 
-def _pendulum(
-    measured: Sequence[Measurement], twins: Sequence[Any], length: float, diameter: float
+def angles_over_time(
+    measured: Sequence[Measurement], twins: Sequence[Any], length: float, bead: float
 ) -> Iterable[Overlay]:
-    sides = [[_angles(one.tracks, length, diameter) for one in side if one.tracks] for side in (measured, twins)]
+    """Angle of each bead of a pendulum of this `length` [m], from the collision; `bead` is the diameter [m]."""
+    sides = [[_angles(one.tracks, length, bead) for one in side if one.tracks] for side in (measured, twins)]
     for number, body in enumerate("AB"):
         mine, theirs = (tuple(angles[number] for angles in side if len(angles) > number) for side in sides)
         if mine and theirs:
@@ -172,7 +149,9 @@ def _pendulum(
             )
 
 
-def _tilt(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
+def way_over_angle(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
+    """Displacement of a body of diameter `bead` [m] down a plate, over the plate's angle."""
+
     def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
         return tuple(_down_the_plate(one.series[0], one.tracks[0]) for one in side if one.series and one.tracks)
 
@@ -187,7 +166,9 @@ def _tilt(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) ->
     )
 
 
-def _hopper(measured: Sequence[Measurement], twins: Sequence[Any]) -> Iterable[Overlay]:
+def share_left_over_time(measured: Sequence[Measurement], twins: Sequence[Any]) -> Iterable[Overlay]:
+    """Share of the filling that is left, from the opening."""
+
     def share(left: Series, opened: float) -> Curve:
         return Curve(left.time - opened, 100 * left.value / float(np.nanmax(left.value)))
 
@@ -201,7 +182,10 @@ def _hopper(measured: Sequence[Measurement], twins: Sequence[Any]) -> Iterable[O
     )
 
 
-def _drum(measured: Sequence[Measurement], twins: Sequence[Any], diameter: float, bead: float) -> Iterable[Overlay]:
+def mean_surface(
+    measured: Sequence[Measurement], twins: Sequence[Any], diameter: float, bead: float
+) -> Iterable[Overlay]:
+    """Mean surface in a drum of this `diameter` [m]; `bead` is the beads' [m]."""
     reach = INSIDE * diameter / 2
 
     def steady(profiles: Sequence[Profile]) -> Curve:
@@ -228,9 +212,11 @@ def _drum(measured: Sequence[Measurement], twins: Sequence[Any], diameter: float
     )
 
 
-def _surface(
-    what: str, measured: Sequence[Measurement], twins: Sequence[Any], bead: float, width: float | None
+def outlines(
+    what: str, measured: Sequence[Measurement], twins: Sequence[Any], bead: float, width: float | None = None
 ) -> Iterable[Overlay]:
+    """Outlines about their middle; `bead` [m] is the beads' diameter, `width` [m] that of a vessel around them."""
+
     def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
         found = [_in_mm(_centred(profile)) for one in side for profile in one.profiles]
         if width is None:

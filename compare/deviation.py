@@ -52,10 +52,6 @@ MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "reboun
 # Times on the clock of the film; they depend on the start of the camera and have no counterpart in the twin.
 MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
-# Rigs whose simulated runs differ from seed to seed by an amount that one run cannot show, and the name of a run.  The
-# run of a drum scatters over time, which its uncertainty includes; rigs of few bodies repeat exactly.
-RUNS_DIFFER = {"pile": "heap", "packing": "bed", "hopper": "discharge"}
-
 # [%]: if two standard uncertainties of a deviation exceed this, a twin that is wrong by half would agree, too.
 UNINFORMATIVE = 50.0
 
@@ -249,6 +245,7 @@ def deviations(
     simulated: Iterable[Quantity],
     *,
     set_from: dict[str, str] | None = None,
+    run_name: str = "",
 ) -> tuple[Deviation, ...]:
     """Compare each measured quantity with that of the twin.
 
@@ -265,6 +262,9 @@ def deviations(
     set_from : dict of str to str, optional
         Quantities that are input of the twin, with their source ("measured" or "stated").  Their agreement does not
         test the model, and the note of the row says so.
+    run_name : str
+        Name of one run of the twin ("heap") if runs differ from seed to seed by an amount that one run cannot show;
+        empty if they do not.
 
     Returns
     -------
@@ -286,7 +286,7 @@ def deviations(
     for key, row in rows.items():
         other = _counterpart(key, rows, twins)
         handed = (set_from or {}).get(key[0], "")
-        one = _deviation(experiment, rig, key, row, None if other is None else twins[other], set_from=handed)
+        one = _deviation(experiment, rig, key, row, None if other is None else twins[other], handed, run_name)
         if other is not None and other != key:
             one = replace(one, note="; ".join(filter(None, (one.note, f"the twin's method: {other[1]}"))))
         found.append(one)
@@ -382,7 +382,13 @@ def percent_deviation(
 
 
 def _deviation(
-    experiment: str, rig: str, key: Key, measured: Combined, simulated: Combined | None, *, set_from: str
+    experiment: str,
+    rig: str,
+    key: Key,
+    measured: Combined,
+    simulated: Combined | None,
+    set_from: str,
+    run_name: str,
 ) -> Deviation:
     name, method, unit, identity = key
     detail = dict(identity)
@@ -397,7 +403,7 @@ def _deviation(
         z = _z(simulated.value - measured.value, total)
         parts = ((one.std_uncertainty, one.freedom) for one in (measured, simulated))
         freedom = _freedom(parts, total)
-        if _lone(rig, measured, simulated) and not set_from:
+        if _lone(run_name, measured, simulated) and not set_from:
             # the scatter of one repetition has no degrees of freedom, so any difference may be chance
             freedom = 0.0
     reasons = [measured.doubtful] if measured.doubtful else []
@@ -427,7 +433,7 @@ def _deviation(
         coverage_factor=None if z is None else _coverage(freedom, 0.95),
         verdict=_verdict(simulated, z, freedom, percent, doubtful=bool(reasons), given=bool(set_from)),
         doubtful="; ".join(reasons),
-        note=_note(rig, measured, simulated, set_from),
+        note=_note(run_name, measured, simulated, set_from),
         budget=measured.budget,
     )
 
@@ -497,16 +503,16 @@ def _verdict(
     return f"twin {certainty}too {'high' if z > 0 else 'low'}"
 
 
-def _lone(rig: str, measured: Combined, simulated: Combined) -> list[str]:
+def _lone(run_name: str, measured: Combined, simulated: Combined) -> list[str]:
     """The sides with a single repetition, where repetitions differ."""
-    single = {"measured": measured.n == 1, "simulated": simulated.n == 1 and rig in RUNS_DIFFER}
+    single = {"measured": measured.n == 1, "simulated": simulated.n == 1 and run_name != ""}
     return [side for side, alone in single.items() if alone]
 
 
-def _note(rig: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
+def _note(run_name: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
     notes = [] if simulated is not None else ["the twin gives no such number"]
-    if simulated is not None and not set_from and (lone := _lone(rig, measured, simulated)):
-        what = RUNS_DIFFER.get(rig, "repetition")
+    if simulated is not None and not set_from and (lone := _lone(run_name, measured, simulated)):
+        what = run_name or "repetition"
         notes.append(f"one {what} {' and one '.join(lone)}: the scatter of {what}s is not in the uncertainty")
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")

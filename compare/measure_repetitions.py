@@ -108,7 +108,7 @@ def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) ->
     entry, camera = entry_of(experiment), straightened(experiment.camera)
     entry.check_media(experiment, views)
     ruler = import_module(f"rigtwin.measure.{experiment.rig.name}.measurement")
-    media = list(views) if entry.several_views else views[0]
+    media = list(views) if experiment.rig.several_views else views[0]
     measurement: Measurement = ruler.measure(
         media, camera, **known(experiment), table=experiment.table, out=out, progress=silent
     )

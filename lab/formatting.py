@@ -55,16 +55,6 @@ TITLES = {
     "seconds_per_particle": "Computing time per particle",
 }
 
-RIG_TITLES = {
-    "drop": "Drop test",
-    "pendulum": "Pendulum",
-    "tilt": "Tilting plate",
-    "packing": "Packed cylinder",
-    "pile": "Pile",
-    "drum": "Rotating drum",
-    "hopper": "Hopper",
-}
-
 # how a unit is shown: the factor from SI and the sign behind the number
 _SHOWN = {
     "1": (1.0, ""),

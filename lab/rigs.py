@@ -1,13 +1,14 @@
 """The rigs: geometry and settings that a measurement and its twin share.
 
 Lengths in metres, angles in radians, masses in kilograms.  A field that is None was not given by the experimenter.
+`RIGS` is the list of the rigs; every other list of them follows from it or is checked against it.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 from rigtwin.lab.errors import BadInput
 
@@ -16,6 +17,8 @@ GRAVITY = 9.81  # [m/s^2]
 # [rad], of a pendulum's release; nearer to the top it hangs for so long that its record holds several collisions, of
 # which the first cannot be identified
 UPSIDE_DOWN = math.radians(175)
+
+RigName = Literal["drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"]
 
 
 @dataclass(frozen=True)
@@ -123,15 +126,33 @@ class Hopper:
 Rig = Drop | Pendulum | Pile | Packing | Tilt | Drum | Hopper
 
 
+class _Settings:
+    """What every rig says of itself."""
+
+    name: ClassVar[RigName]
+    title: ClassVar[str]  # for the reader of a report
+    several_views: ClassVar[bool] = False  # a rig at rest, of which one repetition may have several photos
+
+    @property
+    def particles_touch(self) -> bool:
+        """Whether particles touch each other, not only the wall."""
+        return True
+
+
 @dataclass(frozen=True)
-class DropSettings:
+class DropSettings(_Settings):
     """What the experimenter says of a drop beforehand; None is "not given" and is then measured."""
 
     drop_height: float | None = None  # [m], from the bead's lowest point to the plate
     bounces: int = 4  # how many bounces the twin shows
     turned: float | None = None  # [rad], of a clump out of its own axes, clockwise as seen; None: at random
 
-    name: ClassVar[str] = "drop"
+    name: ClassVar[RigName] = "drop"
+    title: ClassVar[str] = "Drop test"
+
+    @property
+    def particles_touch(self) -> bool:
+        return False
 
     def rig(self, measured_drop_height: float | None = None) -> Drop:
         """The rig of the twin; a height stated in the lab file goes before the measured one."""
@@ -140,7 +161,7 @@ class DropSettings:
 
 
 @dataclass(frozen=True)
-class PendulumSettings:
+class PendulumSettings(_Settings):
     """What the experimenter says of a pendulum beforehand."""
 
     length: float  # [m], hinge to bead centre
@@ -149,7 +170,12 @@ class PendulumSettings:
     hanger: Literal["string", "rod"] = "string"
     rod_mass: float = 0.0  # [kg], of each rod
 
-    name: ClassVar[str] = "pendulum"
+    name: ClassVar[RigName] = "pendulum"
+    title: ClassVar[str] = "Pendulum"
+
+    @property
+    def particles_touch(self) -> bool:
+        return self.variant == "double"
 
     def rig(self, measured_release_angle: float | None = None) -> Pendulum:
         """The rig of the twin; an angle stated in the lab file goes before the measured one."""
@@ -158,7 +184,7 @@ class PendulumSettings:
 
 
 @dataclass(frozen=True)
-class PileSettings:
+class PileSettings(_Settings):
     """What the experimenter says of a pile beforehand."""
 
     base_diameter: float  # [m]
@@ -171,7 +197,9 @@ class PileSettings:
     lift_speed: float | None = None  # [m/s]
     drain_diameter: float | None = None  # [m], of the hole in the container's floor
 
-    name: ClassVar[str] = "pile"
+    name: ClassVar[RigName] = "pile"
+    title: ClassVar[str] = "Pile"
+    several_views: ClassVar[bool] = True
 
     def rig(self) -> Pile:
         """The rig of the twin."""
@@ -179,14 +207,19 @@ class PileSettings:
 
 
 @dataclass(frozen=True)
-class TiltSettings:
+class TiltSettings(_Settings):
     """What the experimenter says of a tilting plate beforehand."""
 
     variant: Literal["slide", "roll"]
     arm_length: float | None = None  # [m], plate or arm, from hinge to tip
     speed: float | None = None  # [rad/s], how fast the plate is tilted
 
-    name: ClassVar[str] = "tilt"
+    name: ClassVar[RigName] = "tilt"
+    title: ClassVar[str] = "Tilting plate"
+
+    @property
+    def particles_touch(self) -> bool:
+        return False
 
     def rig(self) -> Tilt:
         """The rig of the twin."""
@@ -194,7 +227,7 @@ class TiltSettings:
 
 
 @dataclass(frozen=True)
-class PackingSettings:
+class PackingSettings(_Settings):
     """What the experimenter says of a packed cylinder beforehand."""
 
     cylinder_diameter: float  # [m], inner
@@ -203,7 +236,9 @@ class PackingSettings:
     hopper_diameter: float | None = None  # [m], of the hopper above the cylinder
     outlet_diameter: float | None = None  # [m], of that hopper's slide, or of the funnel
 
-    name: ClassVar[str] = "packing"
+    name: ClassVar[RigName] = "packing"
+    title: ClassVar[str] = "Packed cylinder"
+    several_views: ClassVar[bool] = True
 
     def rig(self) -> Packing:
         """The rig of the twin."""
@@ -213,7 +248,7 @@ class PackingSettings:
 
 
 @dataclass(frozen=True)
-class DrumSettings:
+class DrumSettings(_Settings):
     """What the experimenter says of a rotating drum beforehand."""
 
     drum_diameter: float  # [m], inner
@@ -222,7 +257,8 @@ class DrumSettings:
     fill: float | None = None  # [1], share of the drum's volume that the bed takes
     count: int | None = None  # how many particles there are
 
-    name: ClassVar[str] = "drum"
+    name: ClassVar[RigName] = "drum"
+    title: ClassVar[str] = "Rotating drum"
 
     def rig(self) -> Drum:
         """The rig of the twin."""
@@ -230,7 +266,7 @@ class DrumSettings:
 
 
 @dataclass(frozen=True)
-class HopperSettings:
+class HopperSettings(_Settings):
     """What the experimenter says of a hopper beforehand."""
 
     variant: Literal["slot", "conical"]
@@ -240,7 +276,8 @@ class HopperSettings:
     total_mass: float | None = None  # [kg], of all particles
     count: int | None = None  # how many particles there are
 
-    name: ClassVar[str] = "hopper"
+    name: ClassVar[RigName] = "hopper"
+    title: ClassVar[str] = "Hopper"
 
     def rig(self) -> Hopper:
         """The rig of the twin."""
@@ -254,6 +291,9 @@ class HopperSettings:
 RigSettings = (
     DropSettings | PendulumSettings | TiltSettings | PackingSettings | PileSettings | DrumSettings | HopperSettings
 )
+
+SETTINGS: dict[str, type[RigSettings]] = {kind.name: kind for kind in get_args(RigSettings)}
+RIGS = tuple(SETTINGS)
 
 
 def _stated(key: str, stated: float | None, measured: float | None) -> float:

@@ -8,5 +8,6 @@ One sub-package per rig (`drop`, `drum`, `hopper`, `packing`, `pendulum`, `pile`
 - `bulk`: outline of heaps and beds, bead size, displacement of a texture
 - `geometry`: lines, circles, camera roll, calibration board
 - `drawing.py`: annotated pictures, plots and overlay videos
+- `refusal.py`: the picture that a refused measurement leaves
 - `robust.py`: medians, noise from median deviations, correlation of residuals
 """

@@ -165,6 +165,8 @@ def _stated(camera: Camera) -> Iterator[Mark]:
     for option, ends in lines.items():
         if ends is not None:
             yield Mark(option, ends)
+    for pivot in camera.pivots:
+        yield Mark("--pivot", [pivot])
     if camera.floor is not None:
         yield Mark("--floor", [(0.0, camera.floor), (1e5, camera.floor)])
     if camera.circle is not None:

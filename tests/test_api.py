@@ -78,6 +78,13 @@ def test_a_twin_has_values_and_a_table():
         (lambda: rigtwin.simulate("pile", base_diameter="90 mm", count=1.5), "^count: .*whole number"),
         (lambda: rigtwin.simulate("tilt", variant="slid"), "did you mean 'slide'"),
         (lambda: rigtwin.simulate("drop"), "^drop_height: is missing"),
+        (lambda: rigtwin.simulate("drum", rolling=1), "did you mean 'rolling_model'"),
+        (lambda: rigtwin.open_lab(SAMPLES).compare(run=3), "there is no 'run'; did you mean 'runs'"),
+        (lambda: rigtwin.open_lab(SAMPLES).compare(rolling_model="type A"), "^rolling_model: there is no 'type A'"),
+        (lambda: rigtwin.open_lab(SAMPLES).compare(model=7), "^model: 7 is not the name of a file"),
+        (lambda: rigtwin.open_lab(SAMPLES).compare(only=7), "^only: 7 is neither a text nor a list"),
+        (lambda: rigtwin.open_lab(SAMPLES).diagnose(effects="own.py"), "did you mean 'effect'"),
+        (lambda: rigtwin.open_lab(SAMPLES).diagnose(effect="own.py"), "^own.py: no such Python file"),
     ],
 )
 def test_refusals_name_the_keyword(call, words):
@@ -91,6 +98,22 @@ def test_a_lab_is_opened_with_its_experiments():
         "pendulum-D12",
         "pile-D6-90mm",
     ]
+
+
+def test_a_lab_is_compared_with_the_options_of_the_command(tmp_path):
+    """Without effects the restitution of the twin is that of the contact."""
+    (tmp_path / "model.toml").write_text("[contacts.D6-steel]\nrestitution = 0.7\n", encoding="utf-8")
+    lab = rigtwin.open_lab(SAMPLES)
+    found = lab.compare(only="drop-D6-steel", model=str(tmp_path / "model.toml"), out=tmp_path / "out")
+    rows = found.to_frame()
+    first = rows[(rows["quantity"] == "restitution_wall") & (rows["bounce"] == 1)]
+    assert set(rows["experiment"]) == {"drop-D6-steel"}
+    assert list(first["simulated"]) == pytest.approx([0.7] * len(first), abs=0.01)
+
+
+def test_a_particle_is_taken_from_a_lab_that_is_named_as_text():
+    twin = rigtwin.simulate("drop", lab=str(SAMPLES), particle="D6", drop_height="250 mm", restitution=0.5)
+    assert twin.value("restitution_wall", method="velocity", bounce=1) == pytest.approx(0.5, abs=0.01)
 
 
 def test_importing_rigtwin_loads_nothing_heavy_and_calling_works_beside_the_package():

@@ -17,8 +17,8 @@ import pytest
 from rigtwin.cli import run
 from rigtwin.commands.display import show_measurement
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.schema import RIGS
 from rigtwin.lab.quantity import Check, Measurement, Quantity
+from rigtwin.lab.rigs import RIGS
 
 HEAVY = {
     "numpy",

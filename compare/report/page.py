@@ -15,7 +15,7 @@ from rigtwin.compare.deviation import Deviation, headlines, primary_first
 from rigtwin.compare.report import figures
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.lab.formatting import RIG_TITLES, percent, reading, siblings, title, uncertainty, z_score
+from rigtwin.lab.formatting import percent, reading, siblings, title, uncertainty, z_score
 from rigtwin.lab.quantity import Check, Measurement
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
     primary, rest = primary_first(outcome.deviations)
     return {
         "id": experiment.id,
-        "rig": RIG_TITLES[experiment.rig_name],
+        "rig": experiment.rig.title,
         "what": f"{experiment.particle.name}{wall}",
         "settings": _settings(outcome),
         "shapes": [_shape(overlay) for overlay in outcome.shapes],

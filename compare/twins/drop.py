@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, ground, settings_to_try
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
@@ -165,6 +166,11 @@ class DropEntry(FewBodyEntry[DropSettings]):
 
     def stated(self, experiment: Experiment) -> list[Stated]:
         return [Stated("drop height, stated", self.rig(experiment).drop_height, 1e3, " mm")]
+
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[curve_overlays.Overlay]:
+        return curve_overlays.height_over_time(measured, twins, experiment.particle.diameter)
 
     def stated_start(self, experiment: Experiment) -> float | None:
         return self.rig(experiment).drop_height  # [m]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
@@ -19,6 +21,7 @@ from rigtwin.lab.rigs import Drum, DrumSettings
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -123,6 +126,13 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
             Stated("turning at", rig.speed, 30 / math.pi, " rpm"),
             Stated("depth", rig.depth, 1e3, " mm"),
         ]
+
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[curve_overlays.Overlay]:
+        return curve_overlays.mean_surface(
+            measured, twins, self.rig(experiment).drum_diameter, experiment.particle.diameter
+        )
 
     def takes_count(self, experiment: Experiment) -> bool:
         rig = self.rig(experiment)

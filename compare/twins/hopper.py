@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
+from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin, filling_count, filling_mass, stated_filling
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.run_warnings import warned
@@ -18,6 +20,7 @@ from rigtwin.lab.rigs import Hopper, HopperSettings
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
     from rigtwin.sim.hopper import Discharge
     from rigtwin.sim.run.set_up import Numerics
 
@@ -138,6 +141,7 @@ class HopperEntry(ManyBodyEntry[HopperSettings]):
     """The hopper in `compare`."""
 
     settings = HopperSettings
+    run_name: ClassVar[str] = "discharge"
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
         return {"bin_width": self.rig(experiment).bin_width, "total_mass": self.filling(experiment)}
@@ -150,6 +154,11 @@ class HopperEntry(ManyBodyEntry[HopperSettings]):
             Stated("depth", rig.depth, 1e3, " mm"),
             stated_filling(rig, experiment.particle),
         ]
+
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[curve_overlays.Overlay]:
+        return curve_overlays.share_left_over_time(measured, twins)
 
     def filling(self, experiment: Experiment) -> float | None:
         return filling_mass(self.rig(experiment), experiment.particle)

@@ -18,7 +18,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.quantity import Evaluation, doubted
 from rigtwin.lab.records import Profile, Series
-from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+from rigtwin.lab.rigs import Rig
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
@@ -39,7 +39,7 @@ class Cast(NamedTuple):
 
 def bulk_twin(
     name: str,
-    rig: Pile | Packing | Drum | Hopper,
+    rig: Rig,
     cast: Cast,
     run: Any,
     evaluation: Evaluation,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
+from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin, filling_count, filling_mass, stated_filling
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
@@ -17,6 +19,7 @@ from rigtwin.lab.rigs import Packing, PackingSettings
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -122,7 +125,7 @@ class PackingEntry(ManyBodyEntry[PackingSettings]):
     """The packed cylinder in `compare`."""
 
     settings = PackingSettings
-    several_views: ClassVar[bool] = True
+    run_name: ClassVar[str] = "bed"
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
         return {
@@ -138,6 +141,17 @@ class PackingEntry(ManyBodyEntry[PackingSettings]):
             Stated("cylinder", rig.cylinder_diameter, 1e3, " mm"),
             stated_filling(rig, experiment.particle),
         ]
+
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[curve_overlays.Overlay]:
+        return curve_overlays.outlines(
+            "outline of the bed",
+            measured,
+            twins,
+            experiment.particle.diameter,
+            self.rig(experiment).cylinder_diameter,
+        )
 
     def filling(self, experiment: Experiment) -> float | None:
         return filling_mass(self.rig(experiment), experiment.particle)

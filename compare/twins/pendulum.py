@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, settings_to_try
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
@@ -176,6 +177,13 @@ class PendulumEntry(FewBodyEntry[PendulumSettings]):
             Stated("length", rig.length, 1e3, " mm"),
             Stated("release, stated", rig.release_angle, math.degrees(1), "°"),
         ]
+
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[curve_overlays.Overlay]:
+        return curve_overlays.angles_over_time(
+            measured, twins, self.rig(experiment).length, experiment.particle.diameter
+        )
 
     def stated_start(self, experiment: Experiment) -> float | None:
         angle = self.rig(experiment).release_angle

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
+from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
@@ -17,6 +18,7 @@ from rigtwin.lab.tracked.table import is_table
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -96,7 +98,7 @@ class PileEntry(ManyBodyEntry[PileSettings]):
     """The heap in `compare`."""
 
     settings = PileSettings
-    several_views: ClassVar[bool] = True
+    run_name: ClassVar[str] = "heap"
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
         rig = self.rig(experiment)
@@ -106,6 +108,11 @@ class PileEntry(ManyBodyEntry[PileSettings]):
     def stated(self, experiment: Experiment) -> list[Stated]:
         rig = self.rig(experiment)
         return [Stated("base", rig.base_diameter, 1e3, " mm"), Stated("rim", rig.rim_height, 1e3, " mm")]
+
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[curve_overlays.Overlay]:
+        return curve_overlays.outlines("outline of the heap", measured, twins, experiment.particle.diameter)
 
     def takes_count(self, experiment: Experiment) -> bool:
         return self.rig(experiment).count is None

@@ -6,13 +6,14 @@ A new rig adds its entry beside its twin in ``compare/twins/<rig>.py``.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar, cast
 
 from rigtwin.lab.materials import PARAMETERS
 
 if TYPE_CHECKING:
+    from rigtwin.compare.curve_overlays import Overlay
     from rigtwin.compare.twins.twin import Twin
     from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.file.model_file import Effects, Model
@@ -40,7 +41,9 @@ class RigEntry(ABC, Generic[Settings]):
 
     settings: ClassVar[type[Any]]
     many_particles: ClassVar[bool] = False  # such a twin does not wait for a measurement and depends on a seed
-    several_views: ClassVar[bool] = False  # a repetition may be several photos, which are measured together
+    # name of one run of the twin, where runs differ from seed to seed by an amount that one run cannot show; runs of
+    # few bodies repeat exactly, and a drum's scatters over time, which its uncertainty includes
+    run_name: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = PARAMETERS  # parameters of a contact that the twin cannot do without
     starts_from: ClassVar[str | None] = None  # quantity whose measured mean starts the twin unless it is stated
 
@@ -51,7 +54,7 @@ class RigEntry(ABC, Generic[Settings]):
 
     def is_photo(self, view: Path) -> bool:
         """Whether a medium of this rig is a photo, not a film."""
-        return self.several_views
+        return bool(self.settings.several_views)
 
     def check_media(self, experiment: Experiment, views: Sequence[Path]) -> None:
         """Raise `BadInput` where the rig's quantities cannot be read from these media."""
@@ -64,6 +67,12 @@ class RigEntry(ABC, Generic[Settings]):
     def stated(self, experiment: Experiment) -> list[Stated]:
         """Return the rig's settings for the report."""
 
+    @abstractmethod
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[Overlay]:
+        """Return the curves that are laid over each other; `twins` are the runs of the twin."""
+
     def filling(self, experiment: Experiment) -> float | None:
         """Return the mass [kg] of all particles, weighed or counted; None where the rig holds a single body."""
         return None
@@ -71,6 +80,10 @@ class RigEntry(ABC, Generic[Settings]):
     def stated_start(self, experiment: Experiment) -> float | None:
         """Return the stated value of `starts_from`, in that quantity's unit; None where it is not stated."""
         return None
+
+    def contradictions(self, experiment: Experiment, measurements: Sequence[Measurement]) -> Iterable[str]:
+        """Return a warning for each repetition that contradicts a stated setting other than `starts_from`."""
+        return ()
 
     def needs_measurement(self, experiment: Experiment) -> bool:
         """Whether the twin takes its start, frame rate or duration from the measurement."""

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.few_body import FewBodyEntry, as_a_twin, flashes
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
+from rigtwin.lab.formatting import reading
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, Track
@@ -23,6 +26,13 @@ from rigtwin.lab.rigs import Tilt, TiltSettings
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.quantity import Measurement
+
+
+OTHER_SPEED = 0.05  # relative accuracy with which the speed of a plate is usually set or read
+
+STRETCHES = 4  # parts of a plate's rise whose speeds are compared
+
+LEAST_IN_STRETCH = 5  # smallest number of frames in such a part, so that no single frame determines the slope
 
 
 def tilt_twin(
@@ -107,6 +117,37 @@ def _tilted(rig: Tilt, angle: Series, track: Track, particle: Particle) -> npt.N
     return flashes((seen,), particle, slab((0.0, -size / 2), (rig.plate_length, 0.0), turned=end), turned=end)
 
 
+def _against_speed(stated: float, measurements: Sequence[Measurement]) -> Iterator[str]:
+    """A warning for each film whose plate never rises at a rate near the stated one [deg/s]."""
+    for item in measurements:
+        rates = [rate for angle in item.series if angle.quantity == "plate_angle" for rate in _rising(angle)]
+        # the speed of a hand-turned screw varies and the measured rates are noisy: all parts must disagree
+        if rates and not (1 - OTHER_SPEED) * min(rates) <= stated <= (1 + OTHER_SPEED) * max(rates):
+            found = reading(statistics.fmean(rates), statistics.stdev(rates), "deg")
+            yield (
+                f"{item.source.name}: the plate rises by {found} per second, but the lab file states a speed of "
+                f"{stated:.3g} deg/s, with which the twin was run; correct the speed, or the camera's frame_rate, to "
+                "which the measured speed is proportional"
+            )
+
+
+def _rising(angle: Series) -> list[float]:
+    """Rates [deg/s] in equal parts of the time in which the plate rises; empty if there are too few frames."""
+    known = np.isfinite(angle.value)
+    time, turned = angle.time[known], angle.value[known]
+    if angle.unit == "rad":
+        turned = np.degrees(turned)
+    if len(time) < STRETCHES * LEAST_IN_STRETCH:
+        return []
+    # leave out the time before the plate starts and after it stops, with a margin
+    low, high = turned.min(), turned.max()
+    under_way = np.flatnonzero((turned > low + 0.2 * (high - low)) & (turned < high - 0.1 * (high - low)))
+    if len(under_way) < STRETCHES * LEAST_IN_STRETCH:
+        return []
+    whole = np.arange(under_way[0], under_way[-1] + 1)
+    return [float(np.polyfit(time[part], turned[part], 1)[0]) for part in np.array_split(whole, STRETCHES)]
+
+
 class TiltEntry(FewBodyEntry[TiltSettings]):
     """The tilting plate in `compare`."""
 
@@ -123,6 +164,15 @@ class TiltEntry(FewBodyEntry[TiltSettings]):
             Stated("plate", rig.arm_length, 1e3, " mm"),
             Stated("tilted by", rig.speed, math.degrees(1), "°/s"),
         ]
+
+    def curves(
+        self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
+    ) -> Iterable[curve_overlays.Overlay]:
+        return curve_overlays.way_over_angle(measured, twins, experiment.particle.diameter)
+
+    def contradictions(self, experiment: Experiment, measurements: Sequence[Measurement]) -> Iterable[str]:
+        speed = self.rig(experiment).speed
+        return () if speed is None else _against_speed(math.degrees(speed), measurements)
 
     def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:
         from rigtwin.sim import tilt

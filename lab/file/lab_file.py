@@ -7,7 +7,7 @@ define are looked up in the published reference, and `Lab.borrowed` says so.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
@@ -16,37 +16,11 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
-from rigtwin.lab.file.schema import (
-    RIGS,
-    Document,
-    DropEntry,
-    DrumEntry,
-    ExperimentEntry,
-    HopperEntry,
-    LabFile,
-    PackingEntry,
-    PendulumEntry,
-    PileEntry,
-    Problem,
-    read_document,
-    validated,
-)
+from rigtwin.lab.file.schema import Document, ExperimentEntry, LabFile, Problem, read_document, validated
 from rigtwin.lab.file.toml_lines import Key, dotted
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
-from rigtwin.lab.rigs import (
-    DropSettings,
-    DrumSettings,
-    HopperSettings,
-    PackingSettings,
-    PendulumSettings,
-    PileSettings,
-    RigSettings,
-    TiltSettings,
-)
+from rigtwin.lab.rigs import RIGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
-
-SEEN_FROM_SIDES = (PackingEntry, PileEntry)
-"""Rigs at rest, of which one repetition may have several photos."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +39,8 @@ class Experiment:
     """What is stated of tables of tracked data."""
 
     @property
-    def rig_name(self) -> str:
-        """``"drop"``, ``"pendulum"``, ``"tilt"``, ``"packing"``, ``"pile"``, ``"drum"`` or ``"hopper"``."""
+    def rig_name(self) -> RigName:
+        """One of `rigtwin.lab.rigs.RIGS`."""
         return self.rig.name
 
     @property
@@ -74,8 +48,7 @@ class Experiment:
         """The pairs that touch in this experiment, for `Model.contact`: with the wall first, then with its like."""
         bead = self.particle.name
         wall = () if self.wall is None else ((bead, self.wall.name),)
-        alone = self.rig_name in ("drop", "tilt") or (self.rig_name == "pendulum" and self.wall)
-        like = () if alone else ((bead, bead),)
+        like = ((bead, bead),) if self.rig.particles_touch else ()
         return (*wall, *like)
 
 
@@ -160,7 +133,7 @@ def read_cast(folder: Path) -> Model:
 
 
 def new_lab(folder: Path) -> list[Path]:
-    """Start a lab folder: a commented lab.toml with one experiment per rig, and a folder for each rig's media.
+    """Start a lab folder: a commented lab.toml with example experiments, and a folder for each rig's media.
 
     Returns the files written.  Raises `BadInput` when there is a lab.toml already; nothing is overwritten.
     """
@@ -182,8 +155,7 @@ def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key:
     wall = None if entry.wall is None else inventory.material(entry.wall, (*key, "wall"))
     repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
     found = [
-        *_wall_problems(entry, key),
-        *_drain_problems(entry, key),
+        *(Problem((*key, name), why) for name, why in entry.faults()),
         *_media_problems(entry, repetitions, key),
         *_camera_problems(entry, folder, key),
     ]
@@ -191,45 +163,7 @@ def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key:
     if particle is None or found or (entry.wall is not None and wall is None):
         return None
     camera = entry.camera.camera(folder)
-    return Experiment(entry.id, _settings(entry), particle, wall, camera, repetitions, entry.table)
-
-
-def _settings(entry: ExperimentEntry) -> RigSettings:
-    if isinstance(entry, DropEntry):
-        return DropSettings(entry.drop_height, entry.bounces, entry.turned)
-    if isinstance(entry, PendulumEntry):
-        return PendulumSettings(entry.length, entry.release_angle, entry.variant, entry.hanger, entry.rod_mass or 0.0)
-    if isinstance(entry, PileEntry):
-        return PileSettings(**{field.name: getattr(entry, field.name) for field in fields(PileSettings)})
-    if isinstance(entry, PackingEntry):
-        return PackingSettings(**{field.name: getattr(entry, field.name) for field in fields(PackingSettings)})
-    if isinstance(entry, DrumEntry):
-        return DrumSettings(entry.drum_diameter, entry.speed, entry.depth, entry.fill, entry.count)
-    if isinstance(entry, HopperEntry):
-        sizes = (entry.bin_width, entry.depth, entry.outlet)
-        return HopperSettings(entry.variant, *sizes, entry.total_mass, entry.count)
-    return TiltSettings(entry.variant, entry.arm_length, entry.speed)
-
-
-def _wall_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
-    if not isinstance(entry, PendulumEntry):
-        return []
-    if entry.variant == "wall" and entry.wall is None:
-        return [Problem((*key, "wall"), 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".')]
-    if entry.variant == "double" and entry.wall is not None:
-        return [Problem((*key, "wall"), 'a double pendulum has no wall; leave it out, or set variant = "wall".')]
-    return []
-
-
-def _drain_problems(entry: ExperimentEntry, key: Key) -> list[Problem]:
-    if not isinstance(entry, PileEntry) or entry.variant != "emptying":
-        return []
-    if entry.drain_diameter is None:
-        why = 'this key is missing; what stays in an emptied container lies between its wall and drain: "30 mm".'
-        return [Problem((*key, "drain_diameter"), why)]
-    if entry.drain_diameter >= entry.base_diameter:
-        return [Problem((*key, "drain_diameter"), "the drain is as wide as the container; give its own diameter.")]
-    return []
+    return Experiment(entry.id, entry.settings(), particle, wall, camera, repetitions, entry.table)
 
 
 def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key) -> list[Problem]:
@@ -237,10 +171,10 @@ def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...],
     seen: dict[Path, Key] = {}
     for number, views in enumerate(repetitions):
         place: Key = (*key, "repetitions", number)
-        if len(views) > 1 and not isinstance(entry, SEEN_FROM_SIDES):
+        if len(views) > 1 and not entry.several_views:
             problems.append(Problem(place, f"a {entry.rig} has one file per repetition; take it out of its brackets."))
         for view in views:
-            if not _stands_there(view, folder_too=not isinstance(entry, SEEN_FROM_SIDES)):
+            if not _stands_there(view, folder_too=not entry.several_views):
                 problems.append(Problem(place, f"there is no file {view}; put it there or correct the name."))
             elif (file := view.resolve()) in seen:
                 # counted twice it would halve the variance of a mean without a second measurement

@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError
 from pydantic_core import ErrorDetails
@@ -20,13 +20,12 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
-from rigtwin.lab.rigs import UPSIDE_DOWN
+from rigtwin.lab.rigs import RIGS, SETTINGS, UPSIDE_DOWN, RigSettings
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
 HERE = Path()
-RIGS = ("drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper")
 
 
 class Problem(NamedTuple):
@@ -346,11 +345,26 @@ class _ExperimentEntry(_Entry):
     columns: Annotated[Mapping[str, tuple[str, str]], _edge(_columns), Field(examples=["t=time[ms],x=cx,y=cy"])] = {}
     join: Annotated[tuple[tuple[str, ...], ...], _edge(_joined), Field(examples=[["3,7"]])] = ()
     camera: CameraEntry = CameraEntry()
+    rig: str
 
     @property
     def table(self) -> TableOptions:
         """What is stated of tables of tracked data."""
         return TableOptions(self.columns, self.join)
+
+    @property
+    def several_views(self) -> bool:
+        """Whether a repetition may have several photos."""
+        return SETTINGS[self.rig].several_views
+
+    def settings(self) -> RigSettings:
+        """The settings of the rig: the keys that have the names of its fields."""
+        kind = SETTINGS[self.rig]
+        return kind(**{field.name: getattr(self, field.name) for field in fields(kind)})
+
+    def faults(self) -> Iterable[tuple[str, str]]:
+        """Keys of the rig that do not go together, and why."""
+        return ()
 
 
 class UncertaintyEntry(_Entry):
@@ -381,7 +395,13 @@ class PendulumEntry(_ExperimentEntry):
     length: Length = Field(examples=["300 mm"])
     release_angle: Release | None = None
     hanger: Literal["string", "rod"] = Field("string", examples=["rod"])
-    rod_mass: Mass | None = None
+    rod_mass: Mass = 0.0
+
+    def faults(self) -> Iterable[tuple[str, str]]:
+        if self.variant == "wall" and self.wall is None:
+            yield "wall", 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".'
+        if self.variant == "double" and self.wall is not None:
+            yield "wall", 'a double pendulum has no wall; leave it out, or set variant = "wall".'
 
 
 class PileEntry(_ExperimentEntry):
@@ -396,6 +416,15 @@ class PileEntry(_ExperimentEntry):
     lift_speed: Speed | None = None
     drain_diameter: Length | None = None
     count: Count | None = None
+
+    def faults(self) -> Iterable[tuple[str, str]]:
+        if self.variant != "emptying":
+            return
+        if self.drain_diameter is None:
+            why = 'this key is missing; what stays in an emptied container lies between its wall and drain: "30 mm".'
+            yield "drain_diameter", why
+        elif self.drain_diameter >= self.base_diameter:
+            yield "drain_diameter", "the drain is as wide as the container; give its own diameter."
 
 
 class TiltEntry(_ExperimentEntry):
@@ -461,15 +490,10 @@ _SECTIONS: dict[str, type[_Entry]] = {
     "materials": MaterialEntry,
     "particles": ParticleEntry,
     "contacts": ContactEntry,
-    "camera": CameraEntry,
     "uncertainty": UncertaintyEntry,
-    "drop": DropEntry,
-    "pendulum": PendulumEntry,
-    "tilt": TiltEntry,
-    "packing": PackingEntry,
-    "pile": PileEntry,
-    "drum": DrumEntry,
-    "hopper": HopperEntry,
+}
+_EXPERIMENTS: dict[str, type[_Entry]] = {
+    rig: entry for entry in get_args(ExperimentEntry) for rig in get_args(entry.model_fields["rig"].annotation)
 }
 
 File = TypeVar("File", LabFile, ModelFile)
@@ -517,11 +541,9 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
 
 def _section(parent: Key) -> type[_Entry]:
     """The class whose keys stand under `parent`; pydantic puts the rig's name after an experiment's number."""
-    if parent[0] in ("materials", "particles", "contacts", "lab"):
-        return _SECTIONS[str(parent[0])]
     if parent[0] == "experiments" and len(parent) > 2:
-        return CameraEntry if parent[3:4] == ("camera",) else _SECTIONS[str(parent[2])]
-    return LabFile
+        return CameraEntry if parent[3:4] == ("camera",) else _EXPERIMENTS[str(parent[2])]
+    return _SECTIONS.get(str(parent[0]), LabFile)
 
 
 def _example(section: type[_Entry], name: str) -> str:

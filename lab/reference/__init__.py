@@ -1,1 +1,4 @@
-"""Published materials, particles and contacts that a lab can use by name."""
+"""Published materials, particles and contacts that a lab can use by name.
+
+- `hlosta2020`: those of Hlosta et al. 2020, from the tables in `tables_hlosta2020/`.
+"""

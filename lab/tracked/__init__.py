@@ -1,5 +1,6 @@
 """Read tracked data that other programs exported: tables of positions, angles, surfaces or masses over time.
 
+- `table`: `Table`, a table as a file holds it, and `TableOptions`, what is stated of it
 - `text_table`: text of any separator, decimal sign and header into rows of cells
 - `columns`: which column is which, and its unit
 - `project_files`: Tracker projects, TrackMate XML and Parquet as the same table

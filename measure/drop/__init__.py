@@ -16,4 +16,10 @@ Parts of the rig:
 - ``sideways_motion``: fits the horizontal motion.
 - ``lost_frames``: detects lost or doubled frames from the flights.
 - ``scale``: scale and roll of the film.
+- ``line_of_sight``: motion towards the camera or away from it, from the size of the bead's image.
+
+Sound of the impacts:
+
+- ``sound_measurement``: measures a sound recording, or compares a film with its own sound.
+- ``impacts``: finds the impacts in a sound.
 """

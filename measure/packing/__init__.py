@@ -11,6 +11,7 @@ Steps of the analysis:
 Parts of this rig:
 
 - `cylinder`: find walls, floor, beads and outline in the picture
+- `grain_region`: region of a photo that is filled with grains, and its sides
 - `graduations`: find and read a length gauge beside the cylinder
 - `bed_profile`: mean, roughness and straightness of an outline
 """

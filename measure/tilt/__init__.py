@@ -9,6 +9,11 @@ Steps of the analysis, one file each:
 - ``film_checks``: checks of a film: shape of the body, view of the plate, frame timing, horizontal.
 - ``figures``: annotated video, still picture and plot.
 
+Other media and rigs:
+
+- ``measure_table``: measures tables of the plate's angle and of the body's track.
+- ``incline``: friction in motion on a plate that stands still.
+
 Parts of the rig:
 
 - ``plate_angle``: finds the plate (a straight arm that turns about a hinge) and its direction in every frame.

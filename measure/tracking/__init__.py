@@ -3,6 +3,7 @@
 - `detect.py`: `moving_spots`, `Search`: areas that differ from the background
 - `link.py`: `Linker`, `SpotPath`: spots linked into paths
 - `find_paths.py`: `find_paths`: both steps for a whole clip
+- `search_by_look.py`: `paths_by_look`: find a bead in every frame by its picture
 - `frame_cache.py`: `Album`: frame parts kept for the fit
 - `cutouts.py`: pixels around the bead in every frame; occlusions
 - `colour_channel.py`: `best_channel`: combination of colours with the best contrast

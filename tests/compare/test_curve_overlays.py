@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rigtwin.compare.curve_overlays import Curve, Overlay, overlays
+from rigtwin.compare.curve_overlays import Curve, Overlay, comparable
 from rigtwin.compare.report.figures import overlay_figure
+from rigtwin.compare.twins.registry import ENTRIES
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Profile, Series, Track
 from rigtwin.lab.rigs import (
@@ -35,8 +36,13 @@ def profile(x, height, **more) -> Profile:
     return Profile(np.asarray(x), np.asarray(height), np.full(len(x), 1e-5), **more)
 
 
+def overlays(rig, mine, theirs) -> tuple[Overlay, ...]:
+    experiment = SimpleNamespace(rig=rig, particle=SimpleNamespace(diameter=BEAD))
+    return comparable(ENTRIES[rig.name].curves(experiment, mine, theirs))
+
+
 def only(rig, mine, theirs) -> Overlay:
-    (shape,) = overlays(rig, BEAD, mine, theirs)
+    (shape,) = overlays(rig, mine, theirs)
     return shape
 
 
@@ -107,7 +113,7 @@ def test_each_bead_of_a_pendulum_has_its_own_curve():
         return Track(time, place, np.full(len(time), 1e-5))
 
     both = (swung(-30, 0.0), swung(20, 0.3))
-    shapes = overlays(PendulumSettings(0.2), BEAD, [measured(tracks=both)], [twin(tracks=both)])
+    shapes = overlays(PendulumSettings(0.2), [measured(tracks=both)], [twin(tracks=both)])
     assert [shape.what for shape in shapes] == ["angle of bead A", "angle of bead B"]
     assert all(shape.distance == pytest.approx(0) and shape.unit == "deg" for shape in shapes)
 
@@ -141,9 +147,9 @@ def test_gaps_of_a_curve_are_not_filled():
 def test_an_experiment_whose_records_do_not_meet_has_no_shape():
     x = np.linspace(-0.03, 0.03, 50)
     bed = profile(x, np.full(50, 0.1))
-    assert overlays(PackingSettings(0.065), BEAD, [measured()], [twin(profiles=(bed,))]) == ()
+    assert overlays(PackingSettings(0.065), [measured()], [twin(profiles=(bed,))]) == ()
     apart = profile(x + 1.0, np.full(50, 0.1), base=(-0.03, 0.03))
-    assert overlays(PackingSettings(0.065), BEAD, [measured(profiles=(apart,))], [twin(profiles=(bed,))]) == ()
+    assert overlays(PackingSettings(0.065), [measured(profiles=(apart,))], [twin(profiles=(bed,))]) == ()
 
 
 def test_records_that_overlap_only_where_one_was_not_seen_have_no_shape():
@@ -152,7 +158,7 @@ def test_records_that_overlap_only_where_one_was_not_seen_have_no_shape():
     middle = np.linspace(-0.02, 0.02, 101)
     mine = measured(profiles=(profile(x, edges, base=(-0.045, 0.045)),))
     theirs = twin(profiles=(profile(middle, np.full(101, 0.02), base=(-0.02, 0.02)),))
-    assert overlays(PileSettings(0.09), BEAD, [mine], [theirs]) == ()
+    assert overlays(PileSettings(0.09), [mine], [theirs]) == ()
 
 
 def test_the_figure_names_both_sides():

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from rigtwin.compare.deviation import combine, deviations, over_views, percent_deviation, primary_first
 from rigtwin.compare.result_files import deviations_csv, document
+from rigtwin.compare.twins.registry import ENTRIES
 from rigtwin.lab.quantity import Quantity
 
 sizes = st.floats(1e-3, 1e3)
@@ -21,8 +22,8 @@ def quantity(value, std=0.01, name="restitution_wall", unit="1", method="height"
     return Quantity(name, value, std, unit, method, **more)
 
 
-def compared(measured, simulated, **more):
-    return deviations("drop-1", "drop", measured, simulated, **more)
+def compared(measured, simulated, rig="drop", **more):
+    return deviations("it", rig, measured, simulated, run_name=ENTRIES[rig].run_name, **more)
 
 
 def test_the_uncertainty_of_the_percentage_is_the_scatter_of_repeated_experiments():
@@ -258,11 +259,11 @@ def test_the_first_bounce_and_both_sides_come_before_later_bounces_single_sides_
 
 def test_a_note_says_that_a_single_pile_does_not_show_the_scatter():
     slope = quantity(30.0, 0.5, "angle_of_repose_graphical", "deg", "line")
-    (row,) = deviations("pile-1", "pile", [slope, slope], [slope])
+    (row,) = compared([slope, slope], [slope], "pile")
     assert row.note.startswith("one heap simulated:")
-    (row,) = deviations("pile-1", "pile", [slope], [slope])
+    (row,) = compared([slope], [slope], "pile")
     assert row.note.startswith("one heap measured and one simulated:")
-    (row,) = deviations("pile-1", "pile", [slope, slope], [slope, slope])
+    (row,) = compared([slope, slope], [slope, slope], "pile")
     assert row.note == ""
 
 
@@ -270,7 +271,7 @@ def test_a_note_says_that_a_single_pile_does_not_show_the_scatter():
 def test_one_pile_rejects_no_twin_but_several_that_agree_do(simulated):
     def verdict(measured, runs):
         slope = [quantity(value, 0.5, "angle_of_repose_graphical", "deg", "line") for value in (30.0, simulated)]
-        (row,) = deviations("pile-1", "pile", [slope[0]] * measured, [slope[1]] * runs)
+        (row,) = compared([slope[0]] * measured, [slope[1]] * runs, "pile")
         return row.verdict
 
     assert verdict(1, 1) == verdict(6, 1) == verdict(1, 6) == "too few repetitions to tell"
@@ -284,9 +285,9 @@ def test_one_pile_rejects_no_twin_but_several_that_agree_do(simulated):
 )
 def test_one_run_is_not_rejected_where_runs_differ_by_their_seed(rig, verdict):
     measured, simulated = [quantity(1.0, 0.001)] * 6, [quantity(1.5, 0.001)]
-    (row,) = deviations(f"{rig}-1", rig, measured, simulated)
+    (row,) = compared(measured, simulated, rig)
     assert row.verdict == verdict
-    (row,) = deviations(f"{rig}-1", rig, measured, simulated * 3)
+    (row,) = compared(measured, simulated * 3, rig)
     assert row.verdict == "twin too high"
 
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import rigtwin
+from rigtwin.lab.camera import Camera, Seed
 from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.measure import refusal
 
 RIGS = {
     "drop": {"bead_diameter": "6 mm"},
@@ -37,11 +39,11 @@ def film(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_a_refused_film_leaves_a_picture_that_the_message_names(rig, film, tmp_path):
-    with pytest.raises(NothingToMeasure) as refusal:
+    with pytest.raises(NothingToMeasure) as refused:
         rigtwin.measure(rig, film, out=tmp_path, **RIGS[rig])
     picture = tmp_path / "circling-seen.png"
-    assert str(refusal.value).startswith(f"{film}: ")
-    assert str(refusal.value).endswith(f"; {picture} shows what was seen.")
+    assert str(refused.value).startswith(f"{film}: ")
+    assert str(refused.value).endswith(f"; {picture} shows what was seen.")
     assert [file.name for file in tmp_path.iterdir()] == [picture.name]
     shown = cv2.imread(str(picture))
     # the reason stands below the frame
@@ -59,10 +61,10 @@ def test_a_refused_film_leaves_a_picture_that_the_message_names(rig, film, tmp_p
 def test_a_refused_photo_leaves_a_picture_that_the_message_names(rig, tmp_path):
     photo = tmp_path / "noise.png"
     cv2.imwrite(str(photo), np.random.default_rng(1).normal(120, 5, (300, 400)).astype(np.uint8))
-    with pytest.raises(NothingToMeasure) as refusal:
+    with pytest.raises(NothingToMeasure) as refused:
         rigtwin.measure(rig, photo, out=tmp_path / "out", **PHOTOS[rig])
     picture = tmp_path / "out" / "noise-seen.png"
-    assert str(refusal.value).endswith(f"; {picture} shows what was seen.")
+    assert str(refused.value).endswith(f"; {picture} shows what was seen.")
     assert cv2.imread(str(picture)).shape[1] >= 700
 
 
@@ -80,6 +82,14 @@ def test_stated_places_are_drawn_in_the_picture_of_a_refusal(tmp_path):
     with pytest.raises(NothingToMeasure):
         rigtwin.measure("packing", photo, out=tmp_path, cylinder_diameter="100 mm", region="100,100,500,400")
     assert yellow() - without > 4 * 400
+
+
+def test_every_stated_place_has_a_mark():
+    ends = ((10.0, 20.0), (90.0, 20.0))
+    places = {"plate": ends, "base": ends, "cylinder": ends, "slot": ends, "pivots": ends, "floor": 20.0}
+    camera = Camera(**places, circle=(50.0, 50.0, 40.0), bead_at=Seed(3, (10.0, 20.0)))
+    marked = {mark.label.partition(",")[0] for mark in refusal._stated(camera)}
+    assert marked == {option for option, _ in camera.places()}
 
 
 def test_a_measurement_removes_the_picture_of_an_earlier_refusal(tmp_path):

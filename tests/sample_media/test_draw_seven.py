@@ -8,8 +8,8 @@ import pytest
 from rigtwin.compare.compare_lab import compare
 from rigtwin.compare.measure_repetitions import known, measure_repetition
 from rigtwin.lab.file.lab_file import read_lab
-from rigtwin.lab.file.schema import RIGS
 from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.rigs import RIGS
 
 LAB = Path(__file__).resolve().parents[2] / "sample_media" / "seven_rigs"
 TRUTH = json.loads((LAB / "truth.json").read_text(encoding="utf-8"))

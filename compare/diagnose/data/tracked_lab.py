@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.compare.twins.registry import ENTRIES
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.records import Track
 from rigtwin.lab.units import LONGEST
@@ -19,7 +20,7 @@ from rigtwin.sim.effects.effect import Effect, Parameter
 
 TRACKED = ("drop", "pendulum", "double", "slide", "roll")
 
-BULK = ("pile", "hopper", "drum")
+BULK = tuple(name for name, entry in ENTRIES.items() if entry.many_particles)
 
 FEWEST = 5  # smallest number of repetitions in a lab for a diagnosis
 

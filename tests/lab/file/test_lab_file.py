@@ -251,6 +251,13 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ("frame_rate", "framerate", "experiment 1, camera.framerate", "framerate", "did you mean 'frame_rate'"),
         ("[lab]", "[lap]", "lap", "[lap]", "did you mean 'lab'"),
         ("count = 1000", "drop_height = 1", "experiment 3, drop_height", "drop_height", "unknown key"),
+        (
+            "[materials.ash]",
+            "[uncertainty]\nscael = 0.01\n\n[materials.ash]",
+            "uncertainty.scael",
+            "scael",
+            "did you mean 'scale'",
+        ),
         ('["r01.mp4"]', '"r01.mp4"', "experiment 2, repetitions", 'repetitions = "r01', "is not a list"),
         ('["r01.mp4"]', "[]", "experiment 2, repetitions", "repetitions = []", "is empty"),
         ('["r01.mp4"]', "[7]", "experiment 2, repetition 1", "[7]", "not a file name"),

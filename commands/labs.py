@@ -1,0 +1,90 @@
+"""``rigtwin compare LAB`` and ``rigtwin diagnose LAB``: a whole lab folder."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rigtwin.commands import simulate
+from rigtwin.commands.display import show_comparison, show_diagnosis
+from rigtwin.commands.options import Out, Runs, Seed, Stiffness, Threads
+from rigtwin.commands.run_command import Work, finished
+from rigtwin.lab.units import MOST_PARTICLES
+
+
+@finished(show_comparison)
+def compare(
+    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
+    *,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="ID", help="Only this experiment; may be given again.")
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(
+            "--count", min=1, max=MOST_PARTICLES, help="Particles of twins of many, where lab.toml gives none."
+        ),
+    ] = None,
+    seed: Seed = 1,
+    runs: Runs = 1,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", metavar="FILE", help="A model.toml: its contacts and effects go before lab.toml's."),
+    ] = None,
+    threads: Threads = None,
+    stiffness_factor: Stiffness = None,
+    rolling_model: simulate.RollingOfMany = None,
+    out: Out = None,
+) -> Work:
+    """Measure a whole lab, run its twins, write percent deviations.
+
+    Every experiment of lab.toml is measured and its matched twin run; a table, CSV and JSON files and a report tell
+    measured, simulated and the difference.
+    """
+    from rigtwin.compare.compare_lab import compare as compare_lab
+
+    return partial(
+        compare_lab,
+        lab,
+        _beside(lab, out),
+        only=only,
+        count=count,
+        seed=seed,
+        runs=runs,
+        model=model,
+        threads=threads,
+        stiffness_factor=stiffness_factor,
+        rolling=None if rolling_model is None else simulate.rolling_law(rolling_model),
+    )
+
+
+@finished(show_diagnosis)
+def diagnose(
+    lab: Annotated[
+        Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions, or a lab.toml.")
+    ],
+    *,
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", metavar="ID", help="This experiment of a lab.toml; may be given again."),
+    ] = None,
+    effect: Annotated[
+        list[Path] | None,
+        typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
+    ] = None,
+    out: Out = None,
+) -> Work:
+    """Find where twin and measurement disagree, and what is missing.
+
+    The missing effect is named, added to the model, and the gap before and after is shown.
+    """
+    from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
+
+    return partial(diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or ())
+
+
+def _beside(lab: Path, out: Path | None) -> Path:
+    return out or (lab if lab.is_dir() else lab.parent) / "out"
