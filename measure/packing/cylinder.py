@@ -452,10 +452,10 @@ def _floor(
     """
     from scipy.optimize import least_squares
 
-    aside = np.linspace(-radius, radius, 25)
-    rises = radius - np.sqrt(radius**2 - aside**2)  # of a grain's lower side, from where it touches the floor
+    across = np.linspace(-radius, radius, 25)
+    rises = radius - np.sqrt(radius**2 - across**2)  # of a grain's lower side, from where it touches the floor
     widest = half - radius
-    touching = widest**2 - (np.clip(x, -widest, widest)[:, None] + aside) ** 2
+    touching = widest**2 - (np.clip(x, -widest, widest)[:, None] + across) ** 2
     arcs, outside = np.sqrt(np.maximum(touching, 0)) / half, touching < 0
     gaps = ENDS_GAPS * radius * (1 - (x / half) ** 2)
 
