@@ -56,6 +56,7 @@ SCRIPTS = (
     Script("conical", 3, "engine/conical.py"),
     Script("devices", 2, "engine/devices.py"),
     Script("bench-drum-moments", 35, "measure/drum_moments.py"),
+    Script("bench-guards", 200, "measure/guards.py"),
 )
 
 
