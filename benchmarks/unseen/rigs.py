@@ -142,7 +142,7 @@ def heap(rng: np.random.Generator) -> Rig:
 
 
 def surface_height(centres: Floats, radius: float) -> float:
-    """Mean top of the grains at the surface: those without a higher grain whose centre is nearer than `SURFACE` from above."""
+    """Mean top of the grains at the surface: those without a higher grain whose centre is near."""
     near = cKDTree(centres[:, :2]).query_ball_point(centres[:, :2], 2 * SURFACE * radius)
     free = [index for index, others in enumerate(near) if centres[others, 2].max() <= centres[index, 2]]
     return float(np.mean(centres[free, 2]) + radius)
