@@ -48,10 +48,7 @@ FRONT, BESIDE = 0.4, 1.1  # shares of the radius, by which grains appear below t
 FEWEST = 25  # least number of beads of a bed
 PARTED = 0.1  # least size of a separate part of the bed, as a share of the largest; a hand or a rod may split the bed
 ZERO_NEAR = 4.6  # [mm], zero to floor: less than half a centimetre, so that the longer marks identify the zero
-GOES_ON = 6.0  # [mm], graduations further below the zero after a gap mean that the zero is wrong
 ENDS_ABOVE = 4.0  # [mm], graduations may end this far above zero: the gauge's foot and its shadow hide a mark or two
-# [mm] and [px] by which the lowest run of graduations may appear longer than it is, because marks are blurred
-SMEARED = 1.5, 4.0
 # a gauge is not in the plane of the axis where the beads agree with the cylinder this much better than the gauge does
 ELSEWHERE = 0.5
 CLEARLY_APART = 0.08  # logarithm of the ratio of their scales, more than beads can decide below
@@ -64,7 +61,9 @@ INSIDE = 0.97  # share of the inner radius in which the outline is searched
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
 EDGE_UNCERTAINTY = 0.6
-LEAST_SHOWN = 0.3  # least visible share of the surface across the cylinder
+# least visible share of the surface across the cylinder, and the share from which the mean is trusted: what is hidden is
+# part of the uncertainty
+LEAST_SHOWN, MOSTLY_SHOWN = 0.3, 0.75
 MOST_BELOW = 0.5  # share of the columns between the walls in which grains may be seen below the floor
 HIDDEN_LEVEL = 0.25  # [bead diameters], roughness of the outlines of settled beds
 
@@ -539,11 +538,6 @@ def _elsewhere(gauge: float, beads: float) -> float:
     return gauge if by_gauge > CLEARLY_APART and by_beads < ELSEWHERE * by_gauge else math.nan
 
 
-def _goes_on(gauge: Gauge) -> bool:
-    """Whether graduations are visible below the supposed zero."""
-    return gauge.lowest > gauge.row_of(-GOES_ON) or gauge.last > gauge.row_of(-SMEARED[0]) + SMEARED[1]
-
-
 def _cut_off(beads: Beads, alike: FloatImage) -> bool:
     """Whether the bed reaches the lower edge of the picture, so that the floor is not visible."""
     height = len(alike)
@@ -590,18 +584,14 @@ def _judged(bed: Bed, cut_off: bool, alike: FloatImage) -> Bed | NoBed:
         flaw = "grains are seen below the floor as found: something stands before the foot of the bed, or mirrors it"
     elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
-    elif by_zero and bed.gauge is not None and _goes_on(bed.gauge):
-        flaw = "the gauge's graduations continue below the supposed zero: the lower part of the bed is hidden"
     elif by_zero and bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:
         flaw = "the gauge's graduations end above the supposed zero: they are hidden, or the gauge was misread"
     elif by_zero and not LOOKING[0] < bed.bulge / (bed.width / 2) < LOOKING[1]:
         flaw = "the lowest beads do not lie at the gauge's zero: the floor is hidden, or the gauge was misread"
-    elif shown < 0.9:
-        flaw = "the surface is hidden in more than a tenth of the cylinder's width"
+    elif shown < MOSTLY_SHOWN:
+        flaw = f"the surface is hidden in more than {100 * (1 - MOSTLY_SHOWN):.0f} % of the cylinder's width"
     elif found.contrast < 0.25:
         flaw = "the outline has hardly any contrast to the background"
-    elif float(np.nanmean(apart > 1.5 * bed.bead_radius)) > 0.2:
-        flaw = "a fifth of the outline depends on the threshold that separates beads from the background"
     # the hidden part may lie higher or lower by the roughness of a bed
     hidden = HIDDEN_LEVEL * 2 * bed.bead_radius * math.sqrt(max(1 - shown, 0.0))
     return replace(bed, outline_uncertainty=math.hypot(uncertainty, hidden), flaw=flaw)
