@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-unseen bench-diagnose clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -59,6 +59,10 @@ bench-unseen: $(READY)
 	$(BIN)/python benchmarks/unseen/render.py out/unseen/$(or $(SEED),1) --seed $(or $(SEED),1) --count $(or $(COUNT),40)
 	$(BIN)/python benchmarks/measure/unseen.py --media out/unseen/$(or $(SEED),1)
 	$(BIN)/python benchmarks/measure/unseen.py --media out/unseen/$(or $(SEED),1) --stated
+
+# COUNT=1 make bench-guards: one guard of measure after the other switched off; about two hours
+bench-guards: $(READY)
+	$(BIN)/python benchmarks/measure/guards.py --json out/guards.json $(if $(COUNT),--count $(COUNT))
 
 # SEED=7 COUNT=40 make bench-diagnose: other labs, fewer of them
 bench-diagnose: $(READY)

@@ -233,18 +233,14 @@ _film = _below("scene", *FILMS)
 OF_PACKINGS = (
     _cylinder("covered surface", "covered_columns", nowhere),
     _surface("surface under glare", "under_glare", nowhere),
-    _surface("surface far from beads", "_far_from_beads", nowhere),
-    _surface("odd background", "_odd_background", nowhere),
-    _surface("bed goes on below", "_goes_on_below", nowhere),
+    _surface("surface off its line", "_off_level", nowhere),
     _cylinder("bed cut off by the picture", "_cut_off", always(False)),
     _cylinder("grains below the floor", "_grains_below", always(0.0)),
     _judged("gauge hidden at the surface", neutral=during({"packing.cylinder.Bed.gauge_rows": _middle_of_gauge})),
-    _cylinder("gauge goes on below its zero", "_goes_on", always(False)),
     _judged("gauge ends above its zero", neutral=during({"packing.cylinder.ENDS_ABOVE": math.inf})),
     _judged("zero beside the lowest beads", neutral=during({"packing.cylinder.LOOKING": (-math.inf, math.inf)})),
-    _judged("tenth of the surface hidden", neutral=unsaid("the surface is hidden in more")),
+    _judged("quarter of the surface hidden", neutral=unsaid("the surface is hidden in more")),
     _judged("faint outline of a bed", neutral=unsaid("the outline has hardly any contrast")),
-    _judged("outline depends on a threshold", neutral=unsaid("a fifth of the outline")),
     _judged("too little surface: refused", neutral=during({"packing.cylinder.LEAST_SHOWN": -1.0})),
     _cylinder("circles not filled with grains", "_filled", everywhere),
     _cylinder("gauge in another plane", "_elsewhere", always(math.nan)),
@@ -269,13 +265,7 @@ _disc = partial(_pile, place="silhouette.find_disc")
 _no_grains = partial(_pile, place="silhouette._grains")
 _profile_flaw = partial(_pile, place="evaluate._flaw_of_profile")
 OF_PILES = (
-    _pile("washed-out outline", "observe._washed_out", always("")),
-    _pile("washed out only if flanks differ", "observe.uneven_flanks", always("always")),
     _picture_flaw("outline at the picture's edge", neutral=given_with(0, cut_off=False)),
-    _picture_flaw("faint outline of a heap", neutral=given_with(0, contrast=1.0)),
-    _picture_flaw(
-        "heap like the background", neutral=during({"pile.observe.ALIKE_BEHIND": 2.0, "pile.observe.DOUBTFUL_COVER": 0})
-    ),
     _picture_flaw("steep view", neutral=during({"pile.observe.STEEPEST_VIEW": math.inf})),
     _picture_flaw("unsure outline", neutral=during({"pile.observe.UNSURE": 1.0})),
     _no_heap("unlike a heap: refused", neutral=always("")),
@@ -788,6 +778,39 @@ def kept(found: Sequence[Finding], file: Path | None) -> None:
         unfinished.replace(file)
 
 
+def table(files: Iterable[Path]) -> str:
+    """Markdown table of what each guard wins and costs by results written with ``--json``; idle ones by name."""
+    lines: dict[str, dict[str, list[str]]] = {}
+    places = {guard.name: guard.places for guard in GUARDS}
+    for file in files:
+        for one in json.loads(file.read_text()):
+            if one["guard"] in places:
+                line = lines.setdefault(one["guard"], {kind: [] for kind in EFFECTS if kind})
+                where = one["rig"] if one["group"] == "drawn" else f"{one['rig']} photos"
+                for kind, rows in line.items():
+                    names = one[kind] if one["group"] == "drawn" else [str(len(one[kind]))] * bool(one[kind])
+                    rows.extend([f"{where}: {', '.join(names)}"] * bool(names))
+    winning = {name: line for name, line in lines.items() if line["won"] or line["cost"]}
+    shown = [
+        f"| {name} | {', '.join(f'`{place}`' for place in places[name])} | {'; '.join(line['won'])} "
+        f"| {'; '.join(line['cost'])} |"
+        for name, line in winning.items()
+    ]
+    rest = [name for name in lines if name not in winning]
+    others = {
+        "only move numbers by less than their uncertainty": [name for name in rest if lines[name]["changed"]],
+        "change no number": [name for name in rest if not lines[name]["changed"]],
+    }
+    return "\n".join(
+        [
+            "| guard | place below `rigtwin.measure` | rows won | rows that it costs |",
+            "|---|---|---|---|",
+            *shown,
+            *(f"\nGuards that {what}: {', '.join(names)}." for what, names in others.items()),
+        ]
+    )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = list(dict.fromkeys(guard.name for guard in GUARDS))
@@ -796,7 +819,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=small(2, 1), help="clips of each row")
     parser.add_argument("--media", nargs="+", type=Path, default=(), help="folders to take the place of drawn clips")
     parser.add_argument("--json", type=Path, help="write what changes, clip by clip, into this file")
+    parser.add_argument("--table", nargs="+", type=Path, metavar="JSON", help="print such files as a table instead")
     asked = parser.parse_args(arguments)
+    if asked.table:
+        print(table(asked.table))  # noqa: T201
+        return 0
     guards = [guard for guard in GUARDS if guard.name in asked.only]
     found: list[Finding] = []
     with tempfile.TemporaryDirectory() as folder:

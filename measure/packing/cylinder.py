@@ -61,8 +61,8 @@ INSIDE = 0.97  # share of the inner radius in which the outline is searched
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
 EDGE_UNCERTAINTY = 0.6
-# least visible share of the surface across the cylinder, and the share from which the mean is trusted: what is hidden is
-# part of the uncertainty
+# least visible share of the surface across the cylinder, and the share from which the mean is trusted: its uncertainty
+# has a part for what is hidden
 LEAST_SHOWN, MOSTLY_SHOWN = 0.3, 0.75
 MOST_BELOW = 0.5  # share of the columns between the walls in which grains may be seen below the floor
 HIDDEN_LEVEL = 0.25  # [bead diameters], roughness of the outlines of settled beds

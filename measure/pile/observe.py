@@ -9,17 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
-from rigtwin.measure.bulk.hidden_surface import glare_in, under_glare
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.photo import read_photo
@@ -29,7 +27,6 @@ from rigtwin.measure.pile.checks import (
     BASE_UNCERTAINTY,
     base_check,
     size_checks,
-    uneven_flanks,
 )
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
 from rigtwin.measure.pile.silhouette import find_heap, undo_view
@@ -37,7 +34,6 @@ from rigtwin.measure.pile.silhouette import find_heap, undo_view
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
 
-MOSTLY = 0.5  # share of the outline beside white above which the whole background is white
 NO_SCALE = "not known"
 NO_BASE = "no base disc was found, so the base line runs through the outermost grains; --base states it"
 
@@ -55,8 +51,6 @@ BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
 UNSURE = 0.2  # share of the outline that another threshold moves by more than a bead radius
-
-ALIKE_BEHIND, DOUBTFUL_COVER = 0.3, 0.75  # mean likelihood of matter above and below the outline
 
 
 def observe_table(
@@ -117,13 +111,10 @@ def observe_photo(
     if camera.roll is not None and found.view.radius > 0:
         seen_turn = found.view.roll, found.base_line_uncertainty[1]
         sizes = (*sizes, roll_check(camera.roll, *seen_turn, "the base line of the angles shows"))
-    heap = repose_angles.find_parts(profile, None, 2 * found.bead_radius * unit)
-    two_flanks = heap is not None and len(repose_angles.free_flanks(heap, camera.flank)) == 2
-    hidden = _washed_out(found, image) if heap is not None and two_flanks and uneven_flanks(profile, heap) else ""
     seen = Observation(
         profile,
         _variants(found, unit, name, FOCAL_UNCERTAINTY if focal_length is None else STATED_FOCAL_UNCERTAINTY),
-        _flaw_of_picture(found) or _ignored(found, camera) or hidden,
+        _flaw_of_picture(found) or _ignored(found, camera),
         2 * found.bead_radius * unit,
         sizes,
         _scale_uncertainty(found, scale_from, camera),
@@ -271,10 +262,6 @@ def _flaw_of_picture(found: Silhouette) -> str:
         return "the outline touches the edge of the picture"
     if found.contradicted:
         return f"an end of the stated base lies {found.contradicted:.0f} px from that of the base as seen: check --base"
-    if found.contrast < 0.3:
-        return "the outline has hardly any contrast to the background"
-    if found.alike_behind > ALIKE_BEHIND or found.covered < DOUBTFUL_COVER:
-        return "the heap hardly differs from the background"
     if found.view.looking_down > STEEPEST_VIEW:
         down = found.view.looking_down
         return (
@@ -296,14 +283,3 @@ def _ignored(found: Silhouette, camera: Camera) -> str:
         if np.sum(inside) > 2 * found.bead_radius:
             return f"the outline runs through --ignore {x:g},{y:g},{width:g},{height:g}, where the heap is not seen"
     return ""
-
-
-def _washed_out(found: Silhouette, photo: Image) -> str:
-    """Reason if glare hides part of the outline, or ""; an all-white background is not glare."""
-    image = cv2.resize(photo, None, fx=found.zoom, fy=found.zoom, interpolation=cv2.INTER_AREA)
-    seen = np.isfinite(found.height)
-    points = found.view.to_picture(found.x[seen], found.height[seen])
-    hidden = under_glare(points, glare_in(np.asarray(image, dtype=np.uint8)), found.bead_radius)
-    if not 2 * found.bead_radius < np.sum(hidden) < MOSTLY * len(hidden):
-        return ""
-    return "glare washes out a part of the outline, and the flanks differ"
