@@ -552,7 +552,7 @@ def test_a_post_before_a_bed_hides_what_it_covers_of_the_slot_and_a_hollow_surfa
 
 @pytest.mark.parametrize("comes", [3, pytest.param(6, marks=pytest.mark.slow)])  # [frames]; the slide moves at frame 8
 def test_a_bed_that_is_not_seen_while_it_leaves_has_a_rate_that_is_doubtful(tmp_path: Path, comes: int) -> None:
-    film(tmp_path / "hand.mp4", hand=lambda k: (110.0, 105.0) if comes <= k < 35 else (20.0, 20.0))
+    film(tmp_path / "hand.mp4", hand=lambda k: (110.0, 105.0) if comes <= k < comes + 32 else (20.0, 20.0))
     found = hopper.measure(tmp_path / "hand.mp4", Camera(frame_rate=RATE), bead_diameter=DIAMETER)
     rate = find(found, "discharged_fraction_rate")
     assert not next(check for check in found.checks if check.check == "bed_uncovered").passed
