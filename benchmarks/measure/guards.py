@@ -789,7 +789,8 @@ def table(files: Iterable[Path]) -> str:
                 where = one["rig"] if one["group"] == "drawn" else f"{one['rig']} photos"
                 for kind, rows in line.items():
                     names = one[kind] if one["group"] == "drawn" else [str(len(one[kind]))] * bool(one[kind])
-                    rows.extend([f"{where}: {', '.join(names)}"] * bool(names))
+                    if names:
+                        rows.append(f"{where}: {', '.join(names)}")
     winning = {name: line for name, line in lines.items() if line["won"] or line["cost"]}
     shown = [
         f"| {name} | {', '.join(f'`{place}`' for place in places[name])} | {'; '.join(line['won'])} "
