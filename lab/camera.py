@@ -133,9 +133,11 @@ class Camera:
         if len(self.pivots) > 2:
             raise BadInput(f"{len(self.pivots)} pivots are given; a pendulum has one or two.")
         for option, line in {"--base": self.base, "--cylinder": self.cylinder, "--slot": self.slot}.items():
-            if line is not None and abs(line[1][1] - line[0][1]) > line[1][0] - line[0][0]:
+            if line is not None and abs(line[1][1] - line[0][1]) > abs(line[1][0] - line[0][0]):
                 ends = " and ".join(f"{x:g},{y:g}" for x, y in line)
-                raise BadInput(f"{option} names points at {ends}, one above the other; its ends lie beside each other.")
+                raise BadInput(
+                    f"{option} names points at {ends}, more above than beside each other; give its left and right end."
+                )
         start, end = self.start, self.end
         if start and end and start.unit == end.unit and start.value >= end.value:
             raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")

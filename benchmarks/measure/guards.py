@@ -779,35 +779,35 @@ def kept(found: Sequence[Finding], file: Path | None) -> None:
 
 
 def table(files: Iterable[Path]) -> str:
-    """Markdown table of what each guard wins and costs by results written with ``--json``; idle ones by name."""
+    """Markdown table of what each guard wins and costs, by results that ``--json`` wrote; the others by name."""
+    known = {guard.name for guard in GUARDS}
+    results = [one for file in files for one in json.loads(file.read_text()) if one["guard"] in known]
     lines: dict[str, dict[str, list[str]]] = {}
-    places = {guard.name: guard.places for guard in GUARDS}
-    for file in files:
-        for one in json.loads(file.read_text()):
-            if one["guard"] in places:
-                line = lines.setdefault(one["guard"], {kind: [] for kind in EFFECTS if kind})
-                where = one["rig"] if one["group"] == "drawn" else f"{one['rig']} photos"
-                for kind, rows in line.items():
-                    names = one[kind] if one["group"] == "drawn" else [str(len(one[kind]))] * bool(one[kind])
-                    if names:
-                        rows.append(f"{where}: {', '.join(names)}")
-    winning = {name: line for name, line in lines.items() if line["won"] or line["cost"]}
-    shown = [
-        f"| {name} | {', '.join(f'`{place}`' for place in places[name])} | {'; '.join(line['won'])} "
-        f"| {'; '.join(line['cost'])} |"
-        for name, line in winning.items()
-    ]
-    rest = [name for name in lines if name not in winning]
-    others = {
-        "only move numbers by less than their uncertainty": [name for name in rest if lines[name]["changed"]],
-        "change no number": [name for name in rest if not lines[name]["changed"]],
-    }
+    for one in results:
+        line = lines.setdefault(one["guard"], {"places": [], **{kind: [] for kind in EFFECTS if kind}})
+        line["places"] += [f"`{place}`" for place in one["places"] if f"`{place}`" not in line["places"]]
+        for kind in filter(None, EFFECTS):
+            if one["group"] == "drawn" and one[kind]:
+                line[kind].append(f"{one['rig']}: {', '.join(one[kind])}")
+            elif one[kind]:
+                line[kind].append(f"{one['rig']}, {len(one[kind])} of {one['clips']} photos of {one['group']}")
+    shown = [name for name, line in lines.items() if line["won"] or line["cost"]]
+    rest = {True: "change numbers or notes, but neither win nor cost", False: "change nothing"}
     return "\n".join(
         [
             "| guard | place below `rigtwin.measure` | rows won | rows that it costs |",
             "|---|---|---|---|",
-            *shown,
-            *(f"\nGuards that {what}: {', '.join(names)}." for what, names in others.items()),
+            *(
+                f"| {name} | {', '.join(line['places'])} | {'; '.join(line['won'])} | {'; '.join(line['cost'])} |"
+                for name in shown
+                for line in [lines[name]]
+            ),
+            *(
+                f"\nGuards that {what}: "
+                + ", ".join(name for name in lines if name not in shown and bool(lines[name]["changed"]) == moves)
+                + "."
+                for moves, what in rest.items()
+            ),
         ]
     )
 

@@ -16,8 +16,11 @@ from rigtwin.measure.media.ignored_regions import covered
 from rigtwin.measure.media.undistort import straight
 from rigtwin.measure.media.validation import must_exist, must_fit, must_lie_inside
 
-PRINT = 256  # [px], side of the reduced pictures that are compared
-SAME_PICTURE = 0.95  # least correlation of their fine structure in copies of one picture: of views 0.4 to 0.6
+COMPARED_SIDE, COMPARED_PART = 256, 16  # [px], sides of reduced pictures that are compared, and of their parts
+STRUCTURED = 0.3  # least power of the fine structure of a part, over the mean of all
+# power of the difference of a part over that of its structure: below 0.02 in copies of JPEG quality 30 to 90, above 0.4
+# in some part of different pictures
+MOST_APART = 0.1
 PHOTOS = (".bmp", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
@@ -83,25 +86,42 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
 
 
 def all_show_different(photos: Sequence[Path]) -> None:
-    """Refuse photos of which one is the picture of another: smaller, compressed again or mirrored.
+    """Refuse photos of which one is the picture of another: smaller, compressed again, mirrored, or the next shot.
 
-    Counted twice it would make the mean over views look surer than it is.  Photos of the same scene from the same place
-    differ in what is as fine as grains.
+    Counted twice it would make the uncertainty of the mean over views too small.  Views of one heap from one place, or
+    of two heaps before one background, differ somewhere in what is as fine as grains.
     """
-    prints: list[tuple[Path, FloatImage]] = []
+    seen: list[tuple[Path, FloatImage]] = []
     for photo in photos if len(photos) > 1 else ():
-        picture = cv2.cvtColor(read_photo(photo)[0], cv2.COLOR_BGR2GRAY)
-        small = cv2.resize(picture, (PRINT, PRINT), interpolation=cv2.INTER_AREA).astype(np.float32)
-        fine = cv2.GaussianBlur(small, (0, 0), 1.0) - cv2.GaussianBlur(small, (0, 0), 4.0)
-        for earlier, known in prints:
-            alike = [float(np.corrcoef(known.ravel(), one.ravel())[0, 1]) for one in (fine, fine[:, ::-1])]
-            if max(alike) > SAME_PICTURE:
-                how = "" if alike[0] > SAME_PICTURE else ", mirrored"
+        fine = _fine_structure(read_photo(photo)[0])
+        for earlier, known in seen:
+            mirrored = _same_picture(known, np.ascontiguousarray(fine[:, ::-1]))
+            if mirrored or _same_picture(known, fine):
                 raise BadInput(
-                    f"{photo}: shows the same picture as {earlier}{how}; a copy is no view of its own: take one of "
-                    "them out."
+                    f"{photo}: shows the same picture as {earlier}{', mirrored' * mirrored}; a copy is no view of its "
+                    "own: take one of them out."
                 )
-        prints.append((photo, np.asarray(fine)))
+        seen.append((photo, fine))
+
+
+def _fine_structure(picture: Image) -> FloatImage:
+    """The picture reduced to squares of `COMPARED_SIDE`, without what is coarse or as fine as noise."""
+    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    small = cv2.resize(grey, (COMPARED_SIDE, COMPARED_SIDE), interpolation=cv2.INTER_AREA).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(small, (0, 0), 1.0) - cv2.GaussianBlur(small, (0, 0), 4.0))
+
+
+def _same_picture(one: FloatImage, other: FloatImage) -> bool:
+    """Whether all parts of two pictures agree that show a structure in either."""
+    count = COMPARED_SIDE // COMPARED_PART
+    first, second = (
+        picture.reshape(count, COMPARED_PART, count, COMPARED_PART).swapaxes(1, 2).reshape(count * count, -1)
+        for picture in (one, other)
+    )
+    power = np.maximum(np.mean(first**2, axis=1), np.mean(second**2, axis=1))
+    structured = power > max(float(np.mean(power)) * STRUCTURED, 1.0)
+    apart = np.mean((first - second) ** 2, axis=1)[structured] / power[structured]
+    return bool(apart.size and apart.max() < MOST_APART)
 
 
 def _phone_photo(path: Path) -> Image:

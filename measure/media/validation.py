@@ -11,7 +11,7 @@ SMALLEST = 5  # [px], minimum width and height
 
 
 def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None:
-    """Refuse a place that is stated outside the picture."""
+    """Refuse a place that is stated outside the picture, and what is ignored if it is all of the picture."""
     outside = f"outside the picture of {width} x {height} px."
     if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
         raise BadInput(f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, {outside}")
@@ -22,8 +22,10 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
     for x, y, wide, tall in camera.ignore:
         if x >= width or y >= height or x + wide <= 0 or y + tall <= 0:
             raise BadInput(f"{path}: --ignore {x:g},{y:g},{wide:g},{tall:g} lies {outside}")
-        if x <= 0 and y <= 0 and x + wide >= width and y + tall >= height:
-            raise BadInput(f"{path}: --ignore {x:g},{y:g},{wide:g},{tall:g} covers the whole picture.")
+        if x < 1 and y < 1 and x + wide > width - 1 and y + tall > height - 1:
+            raise BadInput(
+                f"{path}: --ignore {x:g},{y:g},{wide:g},{tall:g} covers the whole picture; name only what disturbs."
+            )
     if camera.circle is not None and camera.circle[2] > max(width, height):
         raise BadInput(
             f"{path}: --circle has a radius of {camera.circle[2]:g} px, more than {width} x {height} px show."

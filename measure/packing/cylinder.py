@@ -187,6 +187,7 @@ class NoBed:
 
     why: str
     marks: tuple[Mark, ...]  # in pixels of the photo
+    advice: str = ""  # what helps, where it is neither a stated place nor a sharper photo
 
 
 def _no_bed(why: str, beads: Beads | None, zoom: float) -> NoBed:
@@ -572,6 +573,7 @@ def _judged(bed: Bed, cut_off: bool, alike: FloatImage) -> Bed | NoBed:
             f"the surface of the bed was found over {100 * shown:.0f} % of the cylinder's {bed.width / found.zoom:.0f} "
             f"px, {100 * LEAST_SHOWN:.0f} % are needed",
             (Mark("surface", points.tolist()),),
+            "photograph the bed without glare and with nothing before its surface",
         )
     apart = np.abs(found.looser[known] - found.stricter[known])
     uncertainty = 0.15 * float(np.nanmean(np.minimum(apart, 4 * bed.bead_radius))) + EDGE_UNCERTAINTY

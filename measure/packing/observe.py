@@ -40,7 +40,7 @@ def observe(
             *(["the walls with --cylinder x1,y1,x2,y2"] if camera.cylinder is None else []),
             *(["the part with the bed with --region x,y,width,height"] if camera.region is None else []),
         ]
-        advised = f"state {' or '.join(advice)}" if advice else "give a sharper photo"
+        advised = bed.advice or (f"state {' or '.join(advice)}" if advice else "give a sharper photo")
         raise NothingToMeasure(
             f"{photo}: no bed of beads: {bed.why}; {advised}.",
             Seen(medium=photo, marks=bed.marks),

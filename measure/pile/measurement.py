@@ -93,12 +93,13 @@ def measure(
     quantities = evaluation.quantities
     if not scaled:
         quantities = tuple(quantity for quantity in quantities if quantity.unit != "m")
-        advice = (
-            "give --base-diameter, --bead-diameter or --scale"
-            if base_diameter is None
-            else "no base was found to which the base diameter applies; state its ends with --base, or give --scale"
-        )
-        warnings.append(f"scale: not known, so heights and widths are omitted; {advice}.")
+        advice = [
+            *(["--base-diameter"] if base_diameter is None else []),
+            *(["--bead-diameter"] if bead_diameter is None else []),
+            *(["--base x1,y1,x2,y2, as no base was found"] if base_diameter is not None else []),
+            "--scale",
+        ]
+        warnings.append(f"scale: not known, so heights and widths are omitted; give {' or '.join(advice)}.")
     return Measurement(
         rig="pile",
         source=photos[0],

@@ -7,7 +7,7 @@ import pytest
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.measure.media.ignored_regions import covered
-from rigtwin.measure.media.photo import read_photo
+from rigtwin.measure.media.photo import all_show_different, read_photo
 from rigtwin.measure.media.video import open_video
 
 REGION = (30.0, 20.0, 25.0, 18.0)
@@ -48,6 +48,13 @@ def test_an_ignored_region_that_leaves_nothing_or_does_nothing_is_refused(tmp_pa
     cv2.imwrite(str(photo), ramp())
     with pytest.raises(BadInput, match=f"--ignore .* {reason}"):
         read_photo(photo, Camera(ignore=(region,)))
+
+
+def test_photos_without_any_structure_are_no_copies(tmp_path):
+    photos = [tmp_path / "dark.png", tmp_path / "bright.png"]
+    for photo, level in zip(photos, (40, 200), strict=True):
+        cv2.imwrite(str(photo), np.full((80, 120), level, np.uint8))
+    all_show_different(photos)
 
 
 def test_motion_in_an_ignored_region_of_a_film_does_not_show(tmp_path):

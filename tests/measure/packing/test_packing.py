@@ -16,6 +16,7 @@ from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure.packing import bed_profile as packing_bed_profile
 from rigtwin.measure.packing import evaluate as packing_evaluate
 from rigtwin.measure.packing import measurement as packing
+from rigtwin.measure.packing.cylinder import Bed, find_bed
 from rigtwin.measure.packing.graduations import find_gauge
 
 BEAD, CYLINDER = 0.006, 0.06
@@ -615,12 +616,43 @@ def test_a_mass_that_no_stated_density_confirms_is_reported(tmp_path):
     assert all(one.doubtful for one in sure.quantities if one.quantity == "bulk_density")
 
 
+def seen_from_above(degrees: float) -> np.ndarray:
+    """Beads along the front of a cylinder of 60 mm, seen from far away; its floor meets the axis in row 480."""
+    rng, zoom = np.random.default_rng(3), 2
+    picture = np.full((620 * zoom, 560 * zoom, 3), (205, 200, 192), np.uint8)
+    mm, sine, cosine = PIXEL * zoom, math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    beads = []
+    for layer, row in enumerate(np.arange(3.0, 60.0, 5.2)):
+        for k in range(28):  # beads a radius within the wall touch each other
+            turn = 2 * math.pi * (k + 0.5 * (layer % 2)) / 28
+            beads.append(
+                (27 * math.sin(turn), 27 * math.cos(turn), row if layer == 0 else row + rng.uniform(-0.5, 0.5))
+            )
+    cv2.rectangle(picture, (0, 470 * zoom), (picture.shape[1], picture.shape[0]), (150, 152, 150), cv2.FILLED)
+    for x, near, row in sorted(beads, key=lambda bead: bead[1]):
+        centre = (round(280 * zoom + x * mm), round(480 * zoom - (row * cosine - near * sine) * mm))
+        shade(picture, centre, 3 * mm, rng.uniform(0.8, 1.1))
+    for side in (-1, 1):
+        wall = round(280 * zoom + side * 30 * mm)
+        cv2.line(picture, (wall, 40 * zoom), (wall, 480 * zoom), (60, 60, 60), zoom)
+    smaller = cv2.resize(picture, None, fx=1 / zoom, fy=1 / zoom, interpolation=cv2.INTER_AREA)
+    return np.clip(smaller + rng.normal(0, 2, smaller.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("degrees", [6, 12])
+def test_the_floor_lies_below_the_circle_on_which_the_outermost_beads_touch_it(degrees):
+    bed = find_bed(seen_from_above(degrees), cylinder=CYLINDER, bead=BEAD)
+    assert isinstance(bed, Bed)
+    bead = bed.width / 10 / bed.silhouette.zoom
+    assert abs(bed.floor / bed.silhouette.zoom - 480) < 0.15 * bead
+
+
 def test_a_floor_outside_of_the_photo_and_walls_above_each_other_are_refused(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)
     with pytest.raises(BadInput, match="--floor names the row 5000, outside the picture of 560 x 620 px"):
         packing.measure([photo], Camera(floor=5000.0), cylinder_diameter=CYLINDER)
-    with pytest.raises(BadInput, match=r"--cylinder names points at .* one above the other"):
+    with pytest.raises(BadInput, match=r"--cylinder names points at .* more above than beside"):
         Camera(cylinder=((300.0, 100.0), (300.0, 500.0)))
 
 

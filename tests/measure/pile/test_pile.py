@@ -770,6 +770,19 @@ def test_a_photo_stored_again_is_no_second_view(tmp_path: Path, mirrored: bool) 
         measure([photo, again], Camera(), base_diameter=24 * BEAD)
 
 
+def test_two_heaps_before_one_textured_background_are_two_views(tmp_path: Path) -> None:
+    photos = [tmp_path / "one.png", tmp_path / "two.png"]
+    for photo, seed in zip(photos, (1, 3), strict=True):
+        picture = draw(Scene(seed=seed))
+        y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
+        wall = np.abs(picture.astype(int) - picture[5, 5].astype(int)).max(axis=2) < 40
+        wall[picture.shape[0] // 3 :] = False
+        picture[wall] = (60 + 120 * ((x // 12 + y // 12) % 2)[wall])[:, None]
+        cv2.imwrite(str(photo), picture)
+    result = measure(photos, Camera(), base_diameter=24 * BEAD, bead_diameter=BEAD)
+    assert len(result.profiles) == 2
+
+
 def test_a_heap_whose_tip_is_ignored_is_doubtful(tmp_path: Path) -> None:
     scene = Scene(seed=1)
     photo = photograph(tmp_path, scene)
