@@ -41,8 +41,8 @@ def compare(
 ) -> Work:
     """Measure a whole lab, run its twins, write percent deviations.
 
-    Every experiment of lab.toml is measured and its matched twin run; a table, CSV and JSON files and a report tell
-    measured, simulated and the difference.
+    Every experiment of lab.toml is measured and its matched twin is run. A table, CSV and JSON files and a report show
+    the measured value, the simulated value and their difference.
     """
     from rigtwin.compare.compare_lab import compare as compare_lab
 

@@ -72,7 +72,9 @@ def outline_above(
     With the share g of background that is seen through gaps of the heap, the evidence for "below the border" is
     log((1 - g) q + g).
     """
-    return _outline(image, classes, view, radius, _of_heap(view, radius, flank))
+    window = _of_heap(view, radius, flank)
+    places = _places(view, window.columns, window.rows)
+    return _outline(image, places, _odds(classes, *places), view, radius, window)
 
 
 def surface_between(image: Image, classes: FloatImage, view: View, radius: float) -> Silhouette | None:
@@ -83,14 +85,14 @@ def surface_between(image: Image, classes: FloatImage, view: View, radius: float
     columns = np.arange(-math.floor(view.radius), math.floor(view.radius) + 1.0)
     upwards = math.cos(view.roll) > 0
     rows = np.arange(math.floor(view.origin[1] if upwards else len(image) - 1 - view.origin[1]), -1, -1.0)
-    odds = _odds(classes, *_places(view, columns, rows))
+    places = _places(view, columns, rows)
+    odds = _odds(classes, *places)
     if not np.any(odds > 0):
         return None
     top = float(np.median(np.argmax(odds > 0, axis=0)))
     above = np.arange(len(rows))[:, None] < top + 2 * radius
-    return _outline(
-        image, classes, view, radius, _Window(columns, rows, odds > CLEAR, (odds < -CLEAR) & above, (0.0, 0.0))
-    )
+    window = _Window(columns, rows, odds > CLEAR, (odds < -CLEAR) & above, (0.0, 0.0))
+    return _outline(image, places, odds, view, radius, window)
 
 
 def _of_heap(view: View, radius: float, flank: Flank | None) -> _Window:
@@ -118,12 +120,20 @@ def _places(view: View, columns: Array, rows: Array) -> tuple[FloatImage, FloatI
     return points[:, 0].reshape(len(rows), -1), points[:, 1].reshape(len(rows), -1)
 
 
-def _outline(image: Image, classes: FloatImage, view: View, radius: float, window: _Window) -> Silhouette | None:
+def _outline(
+    image: Image,
+    places: tuple[FloatImage, FloatImage],
+    odds: FloatImage,
+    view: View,
+    radius: float,
+    window: _Window,
+) -> Silhouette | None:
+    """The border in the window; `places` are its pixels in the picture, `odds` those of grains there."""
     columns, rows, inside, outside = window.columns, window.rows, window.inside, window.outside
-    map_x, map_y = _places(view, columns, rows)
+    map_x, map_y = places
     seen = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     level = np.asarray(seen, dtype=np.uint8)
-    odds = NETWORK * _odds(classes, map_x, map_y)
+    odds = NETWORK * odds
     if np.any(odds[inside] > 0):
         inside = inside & (odds > 0)
     colours = look_cells(level, radius)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
@@ -85,15 +85,15 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
     return photo, notes
 
 
-def all_show_different(photos: Sequence[Path]) -> None:
+def all_show_different(pictures: Mapping[Path, Image]) -> None:
     """Refuse photos of which one is the picture of another: smaller, compressed again, mirrored, or the next shot.
 
     Counted twice it would make the uncertainty of the mean over views too small.  Views of one heap from one place, or
     of two heaps before one background, differ somewhere in what is as fine as grains.
     """
     seen: list[tuple[Path, FloatImage]] = []
-    for photo in photos if len(photos) > 1 else ():
-        fine = _fine_structure(read_photo(photo)[0])
+    for photo, picture in pictures.items() if len(pictures) > 1 else ():
+        fine = _fine_structure(picture)
         for earlier, known in seen:
             mirrored = _same_picture(known, np.ascontiguousarray(fine[:, ::-1]))
             if mirrored or _same_picture(known, fine):

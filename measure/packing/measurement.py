@@ -104,9 +104,10 @@ def measure(
     if not photos:
         raise BadInput("measure packing: no photo given; name one or more photos of the cylinder.")
     all_different(photos)
-    all_show_different([photo for photo in photos if not is_table(photo)])
     if cylinder_diameter is not None and not (math.isfinite(cylinder_diameter) and cylinder_diameter > 0):
         raise BadInput(f"measure packing: cylinder_diameter must be positive, got {cylinder_diameter:g}.")
+    pictures = {photo: read_photo(photo, camera) for photo in photos if not is_table(photo)}
+    all_show_different({photo: picture for photo, (picture, _) in pictures.items()})
     seen, views, checks = [], [], []
     beds: list[tuple[Image, Bed] | None] = []
     warnings: list[str] = []
@@ -123,7 +124,7 @@ def measure(
             views.append({**by_table, **scale_used(read, camera)})
             beds.append(None)
             continue
-        image, odd = read_photo(photo, camera)
+        image, odd = pictures[photo]
         warnings += odd
         bed, observation, view, found = observe(photo, image, camera, cylinder_diameter, bead_diameter)
         seen.append(observation)

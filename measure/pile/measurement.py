@@ -13,7 +13,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.tracked.table import TableOptions, is_table
-from rigtwin.measure.media.photo import all_show_different
+from rigtwin.measure.media.photo import all_show_different, read_photo
 from rigtwin.measure.pile.evaluate import evaluate_views
 from rigtwin.measure.pile.observe import NO_SCALE, Draw, observe_photo, observe_table
 from rigtwin.measure.refusal import shows_refusals
@@ -69,19 +69,20 @@ def measure(
     if not photos:
         raise BadInput("measure pile: no photo given; name one or more photos of the heap.")
     all_different(photos)
-    all_show_different([photo for photo in photos if not is_table(photo)])
     if base_diameter is not None and bead_diameter is not None and bead_diameter >= base_diameter:
         raise BadInput(
             f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "
             "check the diameters of base and bead."
         )
+    pictures = {photo: read_photo(photo, camera) for photo in photos if not is_table(photo)}
+    all_show_different({photo: picture for photo, (picture, _) in pictures.items()})
     observations, views, draws = [], [], []
     for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
         progress("looking for the heap", number, len(photos))
         if is_table(photo):
             seen, view, draw = observe_table(photo, name, camera, table, base_diameter)
         else:
-            seen, view, draw = observe_photo(photo, name, camera, base_diameter, bead_diameter)
+            seen, view, draw = observe_photo(photo, *pictures[photo], name, camera, base_diameter, bead_diameter)
         observations.append(seen)
         views.append(view)
         draws.append(draw)

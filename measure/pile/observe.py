@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
 from rigtwin.lab.records import Profile
@@ -20,7 +20,6 @@ from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
-from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.pile import repose_angles
 from rigtwin.measure.pile.base_disc import FOCAL_UNCERTAINTY
 from rigtwin.measure.pile.checks import (
@@ -79,9 +78,14 @@ def observe_table(
 
 
 def observe_photo(
-    photo: Path, name: str, camera: Camera, base_diameter: float | None, bead_diameter: float | None
+    photo: Path,
+    image: Image,
+    odd: tuple[str, ...],
+    name: str,
+    camera: Camera,
+    base_diameter: float | None,
+    bead_diameter: float | None,
 ) -> tuple[Observation, dict[str, Any], Draw]:
-    image, odd = read_photo(photo, camera)
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     look = partial(find_heap, image, roll=camera.roll, region=camera.region, focal_length=focal_length)

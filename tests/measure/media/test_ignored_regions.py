@@ -51,10 +51,8 @@ def test_an_ignored_region_that_leaves_nothing_or_does_nothing_is_refused(tmp_pa
 
 
 def test_photos_without_any_structure_are_no_copies(tmp_path):
-    photos = [tmp_path / "dark.png", tmp_path / "bright.png"]
-    for photo, level in zip(photos, (40, 200), strict=True):
-        cv2.imwrite(str(photo), np.full((80, 120), level, np.uint8))
-    all_show_different(photos)
+    pictures = {tmp_path / f"{level}.png": np.full((80, 120, 3), level, np.uint8) for level in (40, 200)}
+    all_show_different(pictures)
 
 
 def test_motion_in_an_ignored_region_of_a_film_does_not_show(tmp_path):
