@@ -17,7 +17,18 @@ import typer
 
 from rigtwin.commands import labs, measure, simulate
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
-from rigtwin.commands.options import Json, Quiet, Runs, Seed, Stiffness, Threads, TimeStep, file_option, out_option
+from rigtwin.commands.options import (
+    Cluster,
+    Json,
+    Quiet,
+    Runs,
+    Seed,
+    Stiffness,
+    Threads,
+    TimeStep,
+    file_option,
+    out_option,
+)
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 from rigtwin.lab.version import __version__
@@ -170,6 +181,7 @@ def reproduce(
         int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell or point of a study.")
     ] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Runs at a time; one per core.")] = None,
+    cluster: Cluster = None,
     seed: Seed = 1,
     out: ReproductionOut = None,
 ) -> Work:
@@ -190,6 +202,7 @@ def reproduce(
         repetitions=repetitions,
         seed=seed,
         workers=workers,
+        cluster=cluster,
     )
 
 

@@ -226,6 +226,14 @@ PHOTO = ("scale", "known_length", "region", "ignore", "camera_roll", "plumb_line
 FILM = ("frame_rate", "start", "end", *PHOTO)
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="WHERE",
+        help="Compute the runs on a cluster: tcp://host:8786 (Dask) or slurm; docs/cluster.md.",
+    ),
+]
 Runs = Annotated[
     int,
     typer.Option("--runs", "--heaps", min=1, help="Runs of a twin of many particles, with seeds from --seed upwards."),

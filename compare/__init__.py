@@ -7,8 +7,8 @@
 - `deviation`: combines repetitions and compares measured with simulated quantities.
 - `curve_overlays`: compares measured and simulated curves (profiles, discharge, trajectories).
 - `result_files`: writes CSV and JSON files, all of them or none.
-- `run_store`: runs many simulations and keeps each finished one in a folder.
 - `worker_processes`: pools of worker processes.
+- `campaign/`: many runs of twins, kept in a store, on this machine or a cluster.
 - `twins/`: the simulated counterpart of an experiment, one file for each rig.
 - `report/`: the HTML page of a comparison.
 - `diagnose/`: names the effect that is missing in a model.

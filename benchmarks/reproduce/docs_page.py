@@ -29,11 +29,12 @@ from scipy.stats import t as student
 from rigtwin.benchmarks.figures import OUT, SMOKE, report
 from rigtwin.benchmarks.figures import Row as Figure
 from rigtwin.compare import result_files
+from rigtwin.compare.campaign.run import Done, same_inputs
+from rigtwin.compare.campaign.store import LEDGER, Kept, Store
 from rigtwin.compare.reproduce.figures import study_figure
 from rigtwin.compare.reproduce.reproduce import COLUMNS, STUDY_COLUMNS, Reproduction, page
 from rigtwin.compare.reproduce.studies import Points, Study, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
-from rigtwin.compare.run_store import Done, fits
 from rigtwin.compare.twins.run_warnings import once, warned
 from rigtwin.sim.engine.contact import ROLLING
 
@@ -130,19 +131,20 @@ def kept(
     said: Sequence[str] = (),
 ) -> Page:
     """The paper's cells and studies with the finished runs of a folder, whichever version of rigtwin made them."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for file in sorted(runs.glob("*.json"), key=lambda one: one.stat().st_mtime):  # the newest of several versions last
-        record = json.loads(file.read_text(encoding="utf-8"))
-        found.setdefault(_key(record["function"], record["settings"]), []).append(record)
+    found: dict[str, list[Kept]] = {}
+    with Store(runs, create=False) as store:
+        for row in store.rows():  # the newest of several versions last
+            if row.state == "done":
+                found.setdefault(_key(row.function, row.settings), []).append(row)
     laws = [(number, law) for number in TABLES for law in ROLLING]
     wanted = [plan([number], quick=False, repetitions=None, seed=1, rolling=law) for number, law in laws]
     studied = [studies(None, seed=1, rolling=law) for law in ROLLING]
     every = [run for one in wanted for run in one.runs] + [run for piles, _ in studied for run in piles]
     fitting = {
-        run.name: record["result"]
+        run.name: row.result
         for run in every
-        for record in found.get(_key(run.function, run.settings), ())
-        if fits(record, run)
+        for row in found.get(_key(run.function, run.settings), ())
+        if same_inputs(row.inputs, run.inputs)
     }
     done = Done(fitting, {})
     cells = tuple(cell for one in wanted for cell in one.cells)
@@ -223,7 +225,7 @@ def _figures(rows: Sequence[Row]) -> list[str]:
 
 
 def _key(function: str, settings: object) -> str:
-    return json.dumps([function, settings], sort_keys=True)
+    return json.dumps([function, result_files.plain(settings)], sort_keys=True)
 
 
 RESULT = {"discharge_time_s": 1.0, "graphical_deg": 20.0, "bead_tops_height_mm": 200.0}
@@ -231,15 +233,14 @@ RESULT = {"discharge_time_s": 1.0, "graphical_deg": 20.0, "bead_tops_height_mm":
 
 def _make_up(runs: Path, docs: Path) -> None:
     """One run of each cell and of each point of a study, as if finished, and a copy of the page."""
-    runs.mkdir(parents=True, exist_ok=True)
     (docs / "pictures").mkdir(parents=True, exist_ok=True)
     for file in DOCS.glob("reproduction*"):
         shutil.copy(file, docs)
     heaps, shown = studies(None, seed=1, quick=True)
     readings = dict.fromkeys((key for study in shown for key in study.readings.values()), 25.0)
-    for one in (*plan(None, quick=True, repetitions=1, seed=1).runs, *heaps):
-        record = {"function": one.function, "settings": one.settings, "inputs": one.inputs, "result": RESULT | readings}
-        (runs / one.file_name).write_text(json.dumps(result_files.plain(record)))
+    with Store(runs) as store:
+        for one in (*plan(None, quick=True, repetitions=1, seed=1).runs, *heaps):
+            store.keep(one, RESULT | readings, 1.0)
 
 
 def main() -> int:
@@ -251,7 +252,7 @@ def main() -> int:
     if SMOKE:
         _make_up(given.folder / "runs", docs)
     page_file, cells, points = (docs / f"reproduction{name}" for name in (".md", "_cells.csv", "_studies.csv"))
-    if not any((given.folder / "runs").glob("*.json")):
+    if not (given.folder / "runs" / LEDGER).is_file():
         parser.error(f"{given.folder / 'runs'}: no finished run; give the --out of `rigtwin reproduce`.")
     text = page_file.read_text(encoding="utf-8")
     reproduction = kept(given.folder / "runs", run_before(cells), points_run_before(points), said_before(text))

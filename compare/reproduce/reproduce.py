@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
+from rigtwin.compare.campaign.campaign import run_all
+from rigtwin.compare.campaign.run import Done
+from rigtwin.compare.campaign.runners import runner
+from rigtwin.compare.campaign.store import LEDGER
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.reproduce import paper_runs
 from rigtwin.compare.reproduce.studies import Points, Study, check_studies, studies
 from rigtwin.compare.reproduce.tables import Cell, Plan, check_tables, plan
-from rigtwin.compare.run_store import Done, run_all
 from rigtwin.compare.twins.run_warnings import once, warned
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.formatting import title
@@ -161,6 +164,7 @@ def reproduce(
     repetitions: int | None = None,
     seed: int = 1,
     workers: int | None = None,
+    cluster: str | None = None,
     progress: Progress = silent,
 ) -> Reproduction:
     """Reproduce tables of Hlosta et al. 2020 and write them beside the paper's values.
@@ -185,7 +189,9 @@ def reproduce(
     seed : int
         First seed.
     workers : int, optional
-        Number of processes, one for each core by default.
+        Number of processes of this machine, one for each core by default.
+    cluster : str, optional
+        A cluster for the runs, as in `rigtwin.compare.campaign.runners.runner`.
     progress : Progress
         Called with step, finished cost [s] and total cost [s].
 
@@ -205,7 +211,7 @@ def reproduce(
     """
     check_tables(tables or (), quick=quick)
     check_studies(study or ())
-    if only_kept and not any((out / "runs").glob("*.json")):  # checked first, as planning takes time
+    if only_kept and not (out / "runs" / LEDGER).is_file():  # checked first, as planning takes time
         raise _none_kept(out)
     wanted = Plan((), ())
     if tables or not study:
@@ -213,7 +219,13 @@ def reproduce(
     asked = (study or ()) if study or tables or quick else None
     runs, shown = studies(asked, repetitions=repetitions, seed=seed, rolling=rolling, quick=quick)
     every = {run.name: run for run in (*wanted.runs, *runs)}
-    done = run_all(tuple(every.values()), out / "runs", workers=workers, only_kept=only_kept, progress=progress)
+    done = run_all(
+        tuple(every.values()),
+        out / "runs",
+        runner=runner(cluster, workers, out / "runs"),
+        only_kept=only_kept,
+        progress=progress,
+    )
     if only_kept and not done.results:
         raise _none_kept(out)
     missing = tuple(_not_kept(shown, done)) if only_kept else ()

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
+from rigtwin.compare.campaign.run import Run
 from rigtwin.compare.reproduce import paper_runs, run_time
-from rigtwin.compare.run_store import Run
 from rigtwin.compare.twins.run_warnings import once, spoilt
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020

@@ -10,12 +10,15 @@ import pytest
 
 from rigtwin.benchmarks.reproduce import docs_page as reproduction_page
 from rigtwin.cli import run
+from rigtwin.compare.campaign.campaign import run_all
+from rigtwin.compare.campaign.run import Done, Run
+from rigtwin.compare.campaign.store import Store
 from rigtwin.compare.reproduce import paper_runs, run_time
 from rigtwin.compare.reproduce import reproduce as module
 from rigtwin.compare.reproduce.reproduce import Reproduction, number, page
 from rigtwin.compare.reproduce.studies import READINGS, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
-from rigtwin.compare.run_store import Done, Run, run_all
+from rigtwin.compare.result_files import plain
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.sim.engine.contact import ROLLING
@@ -77,11 +80,16 @@ def test_an_unknown_table_or_study_is_named_also_without_kept_runs(wrong, capsys
 
 def keep(folder: Path, table: int, *, result=None, warnings=(), **plan_of):
     """Finished runs of a table's quick part, without running them."""
-    (folder / "runs").mkdir(exist_ok=True)
     found = result or {"discharge_time_s": 1.0, "graphical_deg": 20.0}
-    for one in plan([table], **{"quick": True, "repetitions": None, "seed": 1, **plan_of}).runs:
-        text = json.dumps({"result": {"warnings": list(warnings), **found}})
-        (folder / "runs" / one.file_name).write_text(text)
+    runs = plan([table], **{"quick": True, "repetitions": None, "seed": 1, **plan_of}).runs
+    stored(folder, *((one, {"warnings": list(warnings), **found}) for one in runs))
+
+
+def stored(folder: Path, *kept):
+    """Runs with their results in the store of a folder."""
+    with Store(folder / "runs") as store:
+        for one, result in kept:
+            store.keep(one, result, 1.0)
 
 
 @pytest.fixture
@@ -324,8 +332,8 @@ def test_a_repeated_experiment_is_as_often_that_near_as_random_runs():
 def test_studies_share_their_piles_with_the_tables():
     runs, found = studies(["evaluation"], seed=1)
     assert len(found) == 1
-    tabled = {run.file_name for run in plan([14], quick=False, repetitions=3, seed=1).runs}
-    assert {run.file_name for run in runs} <= tabled
+    tabled = {run.key for run in plan([14], quick=False, repetitions=3, seed=1).runs}
+    assert {run.key for run in runs} <= tabled
     with pytest.raises(BadInput, match="no study 'colour'"):
         studies(["colour"], seed=1)
 
@@ -354,16 +362,14 @@ def test_a_study_shows_mean_and_scatter_of_the_piles_that_are_there(tmp_path):
     shown = Reproduction((), Done(results, {}), tmp_path, tuple(found))
     assert "25.0 ± 5.6 (3)" in page(shown, "reproduction.md")
     assert "<svg" in page(shown)
-    assert len(runs) == len({run.file_name for run in runs}) == 15
+    assert len(runs) == len({run.key for run in runs}) == 15
 
 
 def keep_heaps(folder: Path, study: str, angles, places=None):
     """One finished pile for each point of a study, or for its first `places` alone."""
-    (folder / "runs").mkdir(exist_ok=True)
     heaps, _ = studies([study], seed=1, quick=True)
-    for one, angle in zip(heaps[:places], angles, strict=False):
-        read = dict.fromkeys(READINGS.values(), angle)
-        (folder / "runs" / one.file_name).write_text(json.dumps({"result": {"warnings": [], **read}}))
+    read = [{"warnings": [], **dict.fromkeys(READINGS.values(), angle)} for angle in angles]
+    stored(folder, *zip(heaps[:places], read, strict=False))
 
 
 def test_a_study_is_shown_in_the_terminal_and_kept_in_a_table_of_its_own(tmp_path, capsys):
@@ -401,7 +407,7 @@ def test_a_study_that_is_not_kept_is_said_to_be_missing(tmp_path, capsys):
 
 
 def test_kept_results_are_shown_without_running_anything(tmp_path, monkeypatch):
-    from rigtwin.compare import run_store as queue
+    from rigtwin.compare.campaign import runners as queue
 
     monkeypatch.setattr(queue, "spawned", lambda *_: pytest.fail("something was run"))
     keep(tmp_path, 16)
@@ -436,9 +442,9 @@ def test_a_remark_names_earlier_cells_that_are_not_requested_again(tmp_path, cap
 
 def test_each_kind_of_warning_of_the_runs_is_shown_once(tmp_path, capsys):
     keep(tmp_path, 16, warnings=["impacts pressed beads up to 9.2% of a radius; do something"])
-    (one, *_) = (tmp_path / "runs").glob("*D12*.json")
+    (one, *_) = (run for run in plan([16], quick=True, repetitions=None, seed=1).runs if "D12" in run.name)
     worst = "impacts pressed beads up to 12.5% of a radius; do something"
-    one.write_text(one.read_text().replace("impacts pressed beads up to 9.2% of a radius; do something", worst))
+    stored(tmp_path, (one, {"discharge_time_s": 1.0, "graphical_deg": 20.0, "warnings": [worst]}))
     assert run(["reproduce", "hlosta2020", "--table", "16", "--quick", "--kept", "--out", str(tmp_path)]) == 0
     said = "in 3 of 3 runs: impacts pressed beads up to 12.5% of a radius"
     assert f"warning: {said}\n" in capsys.readouterr().out
@@ -449,10 +455,10 @@ def test_each_kind_of_warning_of_the_runs_is_shown_once(tmp_path, capsys):
 
 def test_the_worst_of_hoppers_that_did_not_empty_is_the_one_that_kept_most(tmp_path, capsys):
     keep(tmp_path, 16)
-    kept = zip(sorted((tmp_path / "runs").iterdir()), ("2951 of 2984", "60 of 630"), strict=False)
-    for file, share in kept:
+    runs = plan([16], quick=True, repetitions=None, seed=1).runs
+    for one, share in zip(runs, ("2951 of 2984", "60 of 630"), strict=False):
         said = f"only {share} beads had left the hopper when the run ended"
-        file.write_text(json.dumps({"result": {"warnings": [said]}}))
+        stored(tmp_path, (one, {"warnings": [said]}))
     assert run(["reproduce", "hlosta2020", "--table", "16", "--quick", "--kept", "--out", str(tmp_path)]) == 0
     assert "warning: in 2 of 3 runs: only 60 of 630 beads had left" in capsys.readouterr().out
 
@@ -512,11 +518,9 @@ def test_a_cell_of_several_runs_says_in_how_many_and_stays_when_none_of_them_emp
 
 
 def test_cells_written_without_doubtful_values_are_read_unchanged(tmp_path):
-    (tmp_path / "runs").mkdir()
     (one, *_) = plan([16], quick=True, repetitions=1, seed=1, rolling="type C").runs
     moved = {"discharge_time_s": 1.0, "warnings": ["the bed was still moving when the outlet was opened; wait"]}
-    record = {"function": one.function, "settings": dict(one.settings), "result": moved}
-    (tmp_path / "runs" / one.file_name).write_text(json.dumps(record))
+    stored(tmp_path, (one, moved))
     columns = [name for name in module.COLUMNS if name != "doubtful"]
     old = dict.fromkeys(columns, "") | {"table": 16, "row": "D6", "quantity": "discharge_time", "unit": "s"}
     with (tmp_path / "cells.csv").open("w") as file:
@@ -541,38 +545,33 @@ def test_cells_written_without_doubtful_values_are_read_unchanged(tmp_path):
 )
 def test_a_kept_run_of_another_particle_contact_or_rig_is_not_used(table, name, place, other, tmp_path):
     one = next(item for item in plan([table], quick=True, repetitions=1, seed=1).runs if f"-{name}-" in item.name)
-    record = {
-        "function": one.function, "settings": dict(one.settings), "inputs": one.inputs,
-        "result": {"discharge_time_s": 1.0, "bead_tops_height_mm": 200.0, "graphical_deg": 20.0},
-    }  # fmt: skip
-    (tmp_path / "runs").mkdir()
+    result = {"discharge_time_s": 1.0, "bead_tops_height_mm": 200.0, "graphical_deg": 20.0}
 
-    def read(text):
-        (tmp_path / "runs" / one.file_name).write_text(text)
+    def read(inputs):
+        stored(tmp_path, (replace(one, inputs=inputs), result))
         shown = reproduction_page.kept(tmp_path / "runs", {})
         found = run_all([one], tmp_path / "runs", only_kept=True).results
         assert (one.name in found) == (one.name in shown.done.results)
         return one.name in found
 
-    document = json.loads(json.dumps(record))
-    assert read(json.dumps(document))
+    inputs = json.loads(json.dumps(plain(one.inputs)))
+    assert read(inputs)
     *way, last = place
-    inner = document["inputs"]
+    inner = inputs
     for step in way:
         inner = inner[step]
     inner[last] *= 1 + 1e-9  # rounding differs between machines
-    assert read(json.dumps(document))
+    assert read(inputs)
     inner[last] = other
-    assert not read(json.dumps(document))
-    del document["inputs"]  # records from before inputs were kept
-    assert read(json.dumps(document))
+    assert not read(inputs)
+    assert read({})  # a run that states no inputs
 
 
 def test_a_new_run_keeps_its_inputs(tmp_path):
     one = Run("one", "builtins:dict", {"number": 16}, inputs={"diameter": 6e-3})
     run_all([one], tmp_path)
     other = replace(one, inputs={"diameter": 12e-3})
-    assert other.file_name == one.file_name
+    assert other.key == one.key
     assert run_all([one], tmp_path, only_kept=True).results
     assert not run_all([other], tmp_path, only_kept=True).results
     assert run_all([other], tmp_path).results
@@ -669,16 +668,12 @@ def test_the_law_of_the_tables_is_an_option(tmp_path, capsys):
 
 
 def test_runs_and_cells_that_name_no_law_are_read_as_type_c(tmp_path):
-    (tmp_path / "runs").mkdir()
     kept = {"rolling": "type A", "seconds": 1.0}, {"seconds": 2.0}
     for k, one in enumerate(kept):
         settings = {"particle": "D12", "seed": 1, "count": 630, "outlet": 0.05}
         law = {"rolling": one["rolling"]} if "rolling" in one else {}
-        record = {
-            "rigtwin": "0.1.0", "function": "rigtwin.compare.reproduce.paper_runs:slot_hopper",
-            "settings": settings | law, "result": {"discharge_time_s": one["seconds"]},
-        }  # fmt: skip
-        (tmp_path / "runs" / f"{k}.json").write_text(json.dumps(record))
+        run = Run(str(k), "rigtwin.compare.reproduce.paper_runs:slot_hopper", settings | law)
+        stored(tmp_path, (run, {"discharge_time_s": one["seconds"]}))
     cells = tmp_path / "cells.csv"
     cells.write_text(
         "table,row,quantity,unit,paper_experiment,paper_experiment_std,paper_dem,paper_dem_std,ours,ours_std,runs,"
@@ -706,12 +701,10 @@ def test_a_study_run_before_stays_on_the_page_of_a_folder_without_it(tmp_path):
         'base,type A,"geometric, apex",10,deg,36.9,,1\n'
         'evaluation,type C,"geometric, apex, above the rim",90 mm,deg,33.9,0.9,3\n'
     )
-    (tmp_path / "runs").mkdir()
     heaps, _ = studies(["base"], seed=1, quick=True)
     for one, angle in zip(heaps[:2], (50.0, 40.0), strict=True):
         found = {"geometric_apex_deg": angle, "warnings": ["the bed sank by 4 mm; wait", "it hums; wait"]}
-        record = {"function": one.function, "settings": dict(one.settings), "inputs": one.inputs, "result": found}
-        (tmp_path / "runs" / one.file_name).write_text(json.dumps(record))
+        stored(tmp_path, (one, found))
 
     known = reproduction_page.points_run_before(before), reproduction_page.said_before(text)
     shown = reproduction_page.kept(tmp_path / "runs", {}, *known)
@@ -731,6 +724,7 @@ def test_the_table_of_studies_holds_what_the_page_shows(tmp_path):
     def of_studies(text):
         return text.partition("\n## Number of particles")[2].partition("\n## What the paper leaves unsaid")[0]
 
-    shown = of_studies(page(reproduction_page.kept(tmp_path, {}, known), "reproduction.md"))
+    stored(tmp_path)
+    shown = of_studies(page(reproduction_page.kept(tmp_path / "runs", {}, known), "reproduction.md"))
     assert shown.count("\n## ") == 3
     assert of_studies((docs / "reproduction.md").read_text(encoding="utf-8")) == shown

@@ -1,0 +1,8 @@
+"""Campaigns: many runs of twins, kept in a store, on this machine or a cluster.
+
+- `run`: one run (a function and its settings), and the results of many.
+- `store`: the folder that keeps finished runs; a ledger (SQLite) and arrays (NPZ).
+- `runners`: where runs are computed: processes of this machine, Dask workers, jobs of a batch system.
+- `campaign`: runs what a store does not contain yet.
+- `twin_runs`: the twin of a rig as a run.
+"""

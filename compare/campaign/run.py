@@ -1,0 +1,61 @@
+"""One run of a campaign, and the results of many."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rigtwin.compare.result_files import plain
+from rigtwin.lab.version import __version__
+
+Result = dict[str, Any]
+"""Numbers, texts, lists and dictionaries of them, and arrays (at the top level)."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: a function and its settings."""
+
+    name: str  # unique among the runs of a call
+    function: str  # "module:function"; takes the settings as keywords, returns a `Result` that is not empty
+    settings: Mapping[str, Any]  # plain numbers and texts, lists and dictionaries of them
+    cost: float = 1.0  # [s], estimated run time; the longest runs start first
+    inputs: Mapping[str, Any] = field(default_factory=dict)  # data behind the names in the settings: numbers and texts
+
+    @property
+    def key(self) -> str:
+        """Digest of rigtwin's version, function and settings: 20 hexadecimal digits."""
+        what = json.dumps([__version__, self.function, plain(self.settings)], sort_keys=True)
+        return hashlib.sha256(what.encode()).hexdigest()[:20]
+
+
+@dataclass(frozen=True)
+class Done:
+    """Results of the runs by name, and the reasons why others have none."""
+
+    results: Mapping[str, Result]
+    failures: Mapping[str, str]
+    faults: Mapping[str, str] = field(default_factory=dict)
+    """Tracebacks of failures by unexpected exceptions."""
+    out_of_memory: tuple[str, ...] = ()
+    """Names of the runs that did not fit into memory."""
+
+
+def same_inputs(kept: Mapping[str, Any], inputs: Mapping[str, Any]) -> bool:
+    """Whether a kept run had these inputs, up to rounding; true where one of the two does not state any."""
+    return not kept or not inputs or _alike(kept, plain(inputs))
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Equal up to rounding, which differs between machines."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_alike(value, other[name]) for name, value in one.items())
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, (int, float)) and isinstance(other, (int, float)):
+        return math.isclose(one, other, rel_tol=1e-6, abs_tol=1e-15)
+    return bool(one == other)

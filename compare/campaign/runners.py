@@ -1,0 +1,248 @@
+"""Where runs are computed: processes of this machine, workers of a Dask cluster, jobs of a batch system.
+
+Each runner is a context manager that gives an `Executor` and the number of runs to hand out at a time.  Every run is
+computed by one thread and gives the same result everywhere.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from rigtwin.compare.campaign.run import Result
+from rigtwin.compare.result_files import plain
+from rigtwin.compare.worker_processes import interrupts_held, spawned
+from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.version import __version__
+
+ANSWER = 10.0  # [s], within which a Dask scheduler must answer
+AHEAD = 2  # runs handed out to a Dask worker: one that it computes and one that waits
+POLL = 0.5  # [s], between two looks at the jobs of a batch system
+JOBS = 200  # jobs of a batch system at a time
+
+_one_at_a_time = threading.Lock()  # a process has one simulation at a time
+
+
+class Submits(Protocol):
+    """The part of `concurrent.futures.Executor` that a campaign uses."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]: ...
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Where runs go."""
+
+    executor: Submits
+    slots: int  # runs handed out at a time
+
+
+Runner = Callable[[int], AbstractContextManager[Pool]]
+"""Opens a pool for so many runs."""
+
+
+def perform(function: str, settings: dict[str, Any], version: str) -> tuple[Result, float]:
+    """Compute a run; returns its result and its run time [s].
+
+    Raises `RigtwinError` if this process has another version of rigtwin than `version`.
+    """
+    if version != __version__:
+        raise RigtwinError(f"a worker has rigtwin {__version__}, this campaign {version}; install the same on all.")
+    module, name = function.split(":")
+    with _one_at_a_time:
+        begun = time.perf_counter()
+        found = dict(getattr(import_module(module), name)(**settings))
+        return {
+            str(name): value if isinstance(value, np.ndarray) and value.ndim else plain(value)
+            for name, value in found.items()
+        }, time.perf_counter() - begun
+
+
+def runner(cluster: str | None, workers: int | None, folder: Path) -> Runner:
+    """The runner by the option ``--cluster``.
+
+    Parameters
+    ----------
+    cluster : str, optional
+        None: processes of this machine; ``tcp://host:port``: a Dask scheduler; ``slurm`` or ``slurm:key=value,...``: a
+        batch system, with parameters of submitit.
+    workers : int, optional
+        Number of processes of this machine; one for each core by default.
+    folder : Path
+        Folder of the store, where a batch system keeps its logs.
+
+    Raises
+    ------
+    BadInput
+        For another text, or `workers` together with a cluster.
+    """
+    if cluster is None:
+        return lambda jobs: local(jobs, workers)
+    if workers is not None:
+        raise BadInput("--workers: is for this machine, and the cluster decides for itself; leave it or --cluster out.")
+    name, _, rest = cluster.partition(":")
+    if name == "slurm":
+        parameters = _parameters(rest)
+        return lambda jobs: batch(jobs, folder / "jobs", parameters)
+    if "://" in cluster:
+        return lambda jobs: dask(jobs, cluster)
+    raise BadInput(
+        f"--cluster: {cluster!r} is neither the address of a Dask scheduler like tcp://host:8786 nor slurm; correct it."
+    )
+
+
+@contextmanager
+def local(jobs: int, workers: int | None = None) -> Iterator[Pool]:
+    """Processes of this machine, at most `workers` (one for each core by default)."""
+    with spawned(jobs, workers) as pool:
+        yield Pool(_Processes(pool), getattr(pool, "_max_workers", 1))
+
+
+class _Processes:
+    """A pool of processes that starts each of them with interrupts held."""
+
+    def __init__(self, pool: Submits) -> None:
+        self._pool = pool
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
+        with interrupts_held():
+            return self._pool.submit(function, *arguments)
+
+
+@contextmanager
+def dask(jobs: int, address: str) -> Iterator[Pool]:
+    """The workers of a Dask scheduler.  Raises `BadInput` if it does not answer or a worker has another rigtwin."""
+    try:
+        import distributed
+    except ImportError:
+        raise BadInput('--cluster: needs Dask; install it with pip install "rigtwin[dask]".') from None
+    try:
+        client: Any = distributed.Client(address, timeout=ANSWER, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise BadInput(
+            f"--cluster: no Dask scheduler answers at {address} ({reason}); start one with `dask scheduler` or correct "
+            "the address."
+        ) from None
+    try:
+        threads = {worker: int(number) for worker, number in client.nthreads().items()}
+        if not threads:
+            raise BadInput(f"--cluster: the scheduler at {address} has no workers; start some with `dask worker`.")
+        _same_version(client.run(_version, on_error="return"))
+        yield Pool(client.get_executor(pure=False), min(jobs, AHEAD * sum(threads.values())))
+    finally:
+        with suppress(Exception):  # the scheduler may have ended
+            client.close(timeout=ANSWER)
+
+
+def _version() -> str:
+    from rigtwin.lab.version import __version__ as version
+
+    return version
+
+
+def _same_version(found: dict[str, Any]) -> None:
+    for worker, version in found.items():
+        if isinstance(version, Exception):
+            raise BadInput(f"--cluster: the worker {worker} has no rigtwin ({version}); install {__version__} there.")
+        if version != __version__:
+            raise BadInput(
+                f"--cluster: the worker {worker} has rigtwin {version}, this is {__version__}; install the same on all."
+            )
+
+
+@contextmanager
+def batch(jobs: int, folder: Path, parameters: dict[str, Any]) -> Iterator[Pool]:
+    """Jobs of a batch system, one for each run.
+
+    `parameters` are those of submitit, for example ``slurm_partition``; ``cluster`` "local" makes processes of this
+    machine instead, to try a campaign out.
+    """
+    try:
+        import submitit
+    except ImportError:
+        raise BadInput('--cluster: needs submitit; install it with pip install "rigtwin[slurm]".') from None
+    chosen = dict(parameters)
+    try:
+        executor = submitit.AutoExecutor(folder, cluster=chosen.pop("cluster", "slurm"))
+        executor.update_parameters(**{"name": "rigtwin", "cpus_per_task": 1, "timeout_min": 60, **chosen})
+    except Exception as error:  # submitit raises RuntimeError, NameError, ValueError and its own
+        reason = f"{error}".splitlines()[0].rstrip(".")
+        raise BadInput(f"--cluster: slurm cannot be used ({reason}); check that sbatch works here.") from None
+    queue = _Queue(executor)
+    try:
+        yield Pool(queue, min(jobs, JOBS))
+    finally:
+        queue.end()
+
+
+class _Queue:
+    """Jobs of submitit as futures."""
+
+    def __init__(self, executor: Any) -> None:
+        self._executor = executor
+        self._waiting: dict[Future[Any], Any] = {}
+        self._change = threading.Lock()
+        self._ended = threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_running_or_notify_cancel()
+        job = self._executor.submit(function, *arguments)
+        with self._change:
+            self._waiting[future] = job
+        return future
+
+    def end(self) -> None:
+        """Cancel what has not finished."""
+        self._ended.set()
+        with self._change:
+            for job in self._waiting.values():
+                with suppress(Exception):
+                    job.cancel(check=False)
+
+    def _watch(self) -> None:
+        while not self._ended.wait(POLL):
+            with self._change:
+                finished = {future: job for future, job in self._waiting.items() if job.done()}
+                for future in finished:
+                    del self._waiting[future]
+            for future, job in finished.items():
+                try:
+                    future.set_result(job.result())
+                except Exception as error:
+                    future.set_exception(_first_cause(job, error))
+
+
+def _first_cause(job: Any, error: Exception) -> Exception:
+    """The exception in the job itself, which submitit gives as text only."""
+    with suppress(Exception):
+        text = str(job.exception())
+        name, _, message = text.strip().splitlines()[-1].partition(": ")
+        if name.rpartition(".")[2] in ("BadInput", "RigtwinError", "NothingToMeasure"):
+            return RigtwinError(message)
+        if name == "MemoryError":
+            return MemoryError(message)
+    return error
+
+
+def _parameters(text: str) -> dict[str, Any]:
+    """``partition=long,timeout_min=120`` as parameters of submitit."""
+    found: dict[str, Any] = {}
+    for item in filter(None, text.split(",")):
+        name, equals, value = (part.strip() for part in item.partition("="))
+        if not (name and equals and value):
+            raise BadInput(f"--cluster: {item!r} is not like partition=long; correct it.")
+        known = name if name in ("cluster", "timeout_min", "mem_gb", "cpus_per_task") else f"slurm_{name}"
+        found[known] = int(value) if value.isdecimal() else value
+    return found

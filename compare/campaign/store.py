@@ -1,0 +1,335 @@
+"""A folder that keeps finished runs, and lets several processes share the work.
+
+``ledger.sqlite`` has one row for each finished run: name, function, settings, inputs, version, result and run time, as
+text in JSON.  Arrays of a result are in ``arrays/KEY.npz``, written before the row.  A process claims a run before it
+starts it.  A claim holds as long as its owner lives: the owner holds a lock on its file in ``owners``, which the
+operating system releases when the process ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sqlite3
+import uuid
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from rigtwin.compare.campaign.run import Result, Run, same_inputs
+from rigtwin.compare.result_files import plain
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.version import __version__
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LEDGER = "ledger.sqlite"
+PATIENCE = 60.0  # [s], waiting for another process that writes to the ledger
+
+TABLES = """
+create table if not exists runs (
+    key text primary key, name text, function text, settings text, inputs text, version text, state text,
+    result text, message text, seconds real, finished text
+);
+create table if not exists claims (key text primary key, owner text);
+"""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A row of the ledger."""
+
+    key: str
+    name: str
+    function: str
+    settings: Mapping[str, Any]
+    inputs: Mapping[str, Any]
+    version: str
+    state: Literal["done", "failed"]
+    result: Result
+    message: str  # why it failed
+    seconds: float  # [s], wall-clock time of the run
+    finished: str  # UTC, ISO 8601
+
+
+class Store:
+    """A store of runs in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of the store.
+    create : bool
+        Make it if it does not exist.
+
+    Raises
+    ------
+    BadInput
+        If there is no store and `create` is false, or the ledger cannot be opened.
+    """
+
+    def __init__(self, folder: Path, *, create: bool = True) -> None:
+        self.folder = folder
+        path = folder / LEDGER
+        if not create and not path.is_file():
+            raise BadInput(f"{folder}: is no store of runs (it has no {LEDGER}); check the path.")
+        with self._in_words():
+            folder.mkdir(parents=True, exist_ok=True)
+            self._ledger = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None, check_same_thread=False)
+            self._ledger.row_factory = sqlite3.Row
+            self._ledger.execute("pragma journal_mode = wal")
+            self._ledger.executescript(TABLES)
+        self._owner = _Owner(folder / "owners")
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give back all claims and close the ledger."""
+        if self._owner.started:
+            with suppress(sqlite3.Error):
+                self._ledger.execute("delete from claims where owner = ?", (self._owner.token,))
+        self._owner.end()
+        self._ledger.close()
+
+    def find(self, runs: Iterable[Run]) -> dict[str, Result]:
+        """Results of the runs that have finished, by name."""
+        found = {}
+        for run in runs:
+            row = self._row(run)
+            if row is not None and (result := self._result(row)):
+                found[run.name] = result
+        return found
+
+    def failure(self, run: Run) -> str:
+        """Why the run failed before; empty where it did not."""
+        with self._in_words():
+            row = self._ledger.execute("select * from runs where key = ? and state = 'failed'", (run.key,)).fetchone()
+        return "" if row is None or not same_inputs(_parsed(row["inputs"]), run.inputs) else str(row["message"])
+
+    def keep(self, run: Run, result: Result, seconds: float) -> None:
+        """Keep the result of a finished run; its claim ends."""
+        arrays = {name: value for name, value in result.items() if isinstance(value, np.ndarray)}
+        others = {name: value for name, value in result.items() if name not in arrays}
+        if arrays:
+            self._write_arrays(run.key, arrays)
+        self._insert(run, "done", json.dumps({**plain(others), "arrays": list(arrays)}), "", seconds)
+
+    def keep_failure(self, run: Run, message: str, seconds: float) -> None:
+        """Keep why a run failed; its claim ends."""
+        self._insert(run, "failed", "{}", message, seconds)
+
+    def claim(self, run: Run) -> Literal["ours", "theirs", "done"]:
+        """Claim a run for this process, unless it has finished or another living process has claimed it."""
+        self._owner.start()
+        with self._transaction():
+            row = self._row(run)
+            if row is not None and self._result(row):
+                return "done"
+            held = self._ledger.execute("select owner from claims where key = ?", (run.key,)).fetchone()
+            if held is not None and self._owner.another_lives(held["owner"]):
+                return "theirs"
+            self._ledger.execute("insert or replace into claims values (?, ?)", (run.key, self._owner.token))
+        return "ours"
+
+    def release(self, run: Run) -> None:
+        """End the claim of a run that has no result."""
+        with self._in_words():
+            self._ledger.execute("delete from claims where key = ? and owner = ?", (run.key, self._owner.token))
+
+    def rows(self) -> list[Kept]:
+        """All runs of the ledger, oldest first; results without their arrays."""
+        with self._in_words():
+            rows = self._ledger.execute("select * from runs order by finished, key").fetchall()
+        return [
+            Kept(
+                row["key"], row["name"], row["function"], _parsed(row["settings"]), _parsed(row["inputs"]),
+                row["version"], row["state"], _parsed(row["result"]), row["message"], float(row["seconds"]),
+                row["finished"],
+            )
+            for row in rows
+        ]  # fmt: skip
+
+    def result(self, key: str) -> Result:
+        """The result with this key, with its arrays.  Raises `KeyError`."""
+        with self._in_words():
+            row = self._ledger.execute("select * from runs where key = ?", (key,)).fetchone()
+        if row is None:
+            raise KeyError(key)
+        return self._result(row)
+
+    def drop(self, keys: Sequence[str]) -> None:
+        """Forget runs and delete their arrays."""
+        with self._transaction():
+            self._ledger.executemany("delete from runs where key = ?", [(key,) for key in keys])
+        for key in keys:
+            self._arrays(key).unlink(missing_ok=True)
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for each run: settings and results as flat columns (``settings.count``, ``result.bed_height``)."""
+        import pandas as pd
+
+        rows = []
+        for kept in self.rows():
+            result = {name: value for name, value in kept.result.items() if name != "arrays"}
+            head = {
+                "key": kept.key, "name": kept.name, "function": kept.function, "version": kept.version,
+                "state": kept.state, "message": kept.message, "seconds": kept.seconds, "finished": kept.finished,
+            }  # fmt: skip
+            rows.append(head | _flat({"settings": kept.settings, "result": result}))
+        return pd.DataFrame(rows)
+
+    def _row(self, run: Run) -> sqlite3.Row | None:
+        with self._in_words():
+            row: sqlite3.Row | None = self._ledger.execute(
+                "select * from runs where key = ? and state = 'done'", (run.key,)
+            ).fetchone()
+        return row if row is not None and same_inputs(_parsed(row["inputs"]), run.inputs) else None
+
+    def _result(self, row: sqlite3.Row) -> Result:
+        """The result of a row, with its arrays; empty if it is damaged."""
+        result = _parsed(row["result"])
+        names = result.pop("arrays", ())
+        if not names:
+            return result
+        try:
+            content = io.BytesIO(self._arrays(row["key"]).read_bytes())
+            with np.load(content, allow_pickle=False) as file:
+                return result | {name: file[name] for name in names}
+        except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile):
+            return {}
+
+    def _insert(self, run: Run, state: str, result: str, message: str, seconds: float) -> None:
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        settings, inputs = json.dumps(plain(run.settings)), json.dumps(plain(run.inputs))
+        row = (run.key, run.name, run.function, settings, inputs, __version__, state, result, message, seconds, now)
+        with self._transaction():
+            self._ledger.execute(f"insert or replace into runs values ({','.join('?' * len(row))})", row)
+            self._ledger.execute("delete from claims where key = ?", (run.key,))
+
+    def _arrays(self, key: str) -> Path:
+        return self.folder / "arrays" / f"{key}.npz"
+
+    def _write_arrays(self, key: str, arrays: Mapping[str, Any]) -> None:
+        path = self._arrays(key)
+        path.parent.mkdir(exist_ok=True)
+        partial = path.with_name(f"{path.name}.{self._owner.token}.part")
+        try:
+            with partial.open("wb") as file:
+                np.savez_compressed(file, **arrays)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        with self._in_words():
+            self._ledger.execute("begin immediate")
+            try:
+                yield
+            except BaseException:
+                with suppress(sqlite3.Error):  # a full disk has rolled it back already
+                    self._ledger.execute("rollback")
+                raise
+            self._ledger.execute("commit")
+
+    @contextmanager
+    def _in_words(self) -> Iterator[None]:
+        path = self.folder / LEDGER
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise BadInput(
+                f"{path}: the ledger cannot be used ({error}); check its permissions and the free space, nothing that "
+                "was kept is lost."
+            ) from None
+        except sqlite3.DatabaseError as error:
+            raise BadInput(f"{path}: is not a ledger of runs ({error}); name another folder or delete it.") from None
+
+
+class _Owner:
+    """The process as an owner of claims: a token, and a locked file that shows that it lives."""
+
+    def __init__(self, folder: Path) -> None:
+        self.token = f"{os.getpid()}-{uuid.uuid4().hex[:12]}"
+        self._folder = folder
+        self._file: IO[bytes] | None = None
+
+    @property
+    def started(self) -> bool:
+        return self._file is not None
+
+    def start(self) -> None:
+        if self._file is None:
+            self._folder.mkdir(exist_ok=True)
+            self._file = (self._folder / self.token).open("wb")
+            _lock(self._file)
+
+    def end(self) -> None:
+        if self._file is not None:
+            (self._folder / self.token).unlink(missing_ok=True)
+            self._file.close()
+            self._file = None
+
+    def another_lives(self, token: str) -> bool:
+        """Whether `token` is another owner whose process has not ended."""
+        if token == self.token:
+            return False
+        path = self._folder / token
+        try:
+            with path.open("rb+") as file:
+                if not _lock(file):
+                    return True
+        except OSError:  # it has ended and its file is gone
+            return False
+        path.unlink(missing_ok=True)
+        return False
+
+
+def _lock(file: IO[bytes]) -> bool:
+    """Lock an open file until it is closed; false where another process holds the lock."""
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        else:
+            import fcntl
+
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except (TypeError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _flat(value: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Nested dictionaries as one, with dotted names; lists as text."""
+    found: dict[str, Any] = {}
+    for name, item in value.items():
+        place = f"{above}{name}"
+        if isinstance(item, Mapping):
+            found |= _flat(item, f"{place}.")
+        else:
+            found[place] = json.dumps(item) if isinstance(item, list) else item
+    return found
