@@ -128,7 +128,7 @@ def export(
     Rolling friction means different torques in different codes; the value here is the one that gives the same limit.
     """
     from rigtwin.compare.result_files import write_together
-    from rigtwin.sim.export import export as convert
+    from rigtwin.sim.decks.card import export as convert
 
     cast = simulate.cast_of(particle, wall, lab, restitution, static_friction, rolling_friction)
     made = convert(
