@@ -74,18 +74,19 @@ def _stages(deck: Deck, name: str, opened: Callable[[str], str], turned: Callabl
             mean = stage.still.energy * deck.particle.mass * GRAVITY * deck.particle.radius
             rest = f'"${{fastest}} < {stage.still.speed:g} && ${{energy}} < {mean:.6g}"'
             yield f"\n# until the beads rest, at most {stage.limit:g} s\n"
-            yield _loop(name, number, stage.limit / LOOK, f"run {deck.steps(LOOK)}\n", f"if {rest} then {_to(name, done)}")
+            yield _loop(
+                name, number, stage.limit / LOOK, f"run {deck.steps(LOOK)}\n", f"if {rest} then {_to(name, done)}"
+            )
         elif isinstance(stage, Turn):
             yield f"\n# the walls turn\n{turned(stage.spin)}run 0\n{dump}"
             yield _loop(name, number, stage.duration / stage.interval, f"run {deck.steps(stage.interval)}\n{dump}")
         elif isinstance(stage, Drain):
             yield "\n# until no bead is above the outlet\n"
-            yield f"region above block INF INF INF INF 0 INF units box\nvariable inside equal count(all,above)\nrun 0\n{dump}"
+            yield "region above block INF INF INF INF 0 INF units box\nvariable inside equal count(all,above)\n"
+            yield f"run 0\n{dump}"
             leave = f'if "${{inside}} < 1" then {_to(name, done)}'
             steps = deck.steps(stage.interval)
             yield _loop(name, number, stage.limit / stage.interval, f"run {steps}\n{dump}", leave)
-    if deck.scene.records:  # the last frame of the record is that of the end
-        yield f"\n{dump}" if isinstance(deck.scene.stages[-1], Settle) else ""
     yield f"\nwrite_dump all custom {END} {COLUMNS} modify sort id\n"
 
 

@@ -171,7 +171,9 @@ def _walls(deck: Deck, name: str, shape: Shape, model: str) -> str:
     )
 
 
-def _along(point: tuple[float, float, float], axis: tuple[float, float, float]) -> tuple[str, tuple[float, float], float]:
+def _along(
+    point: tuple[float, float, float], axis: tuple[float, float, float]
+) -> tuple[str, tuple[float, float], float]:
     """Axis by name, the two other coordinates, and the one along it."""
     k = max(range(3), key=lambda each: abs(axis[each]))
     if abs(axis[k]) < math.hypot(*axis) * (1 - 1e-12):

@@ -97,7 +97,9 @@ class Scene:
         return any(isinstance(stage, (Turn, Drain)) for stage in self.stages)
 
 
-def scene_of(rig: BulkRig, particle: Particle, *, count: int | None, seed: int, fastest: float, **options: Any) -> Scene:
+def scene_of(
+    rig: BulkRig, particle: Particle, *, count: int | None, seed: int, fastest: float, **options: Any
+) -> Scene:
     """The scene of a rig, with the start positions that rigtwin's own twin has with the same seed.
 
     Parameters
@@ -151,12 +153,13 @@ def _packing(
     packing.check(rig, particle, count=count, settle_limit=settle_limit, pour_rate=pour_rate)
     source = packing.outlet_of(rig, particle, pour_rate)
     walls: dict[str, Shape] = dict(zip(("floor", "cylinder"), packing.walls_of(rig), strict=True))
-    places, velocities, stages = NOTHING, NOTHING, []
+    places, velocities = NOTHING, NOTHING
+    stages: tuple[Stage, ...]
     if rig.hopper_diameter is None:
         filling.need_bearable(source, fastest)
         filling.need_bearable_fall("cylinder_height", source.height, source.speed, fastest)
         low, high = packing.domain_of(rig, particle, source, None)
-        stages = [_poured(source, particle, count, random), Settle(settle_limit, AT_REST)]
+        stages = (_poured(source, particle, count, random), Settle(settle_limit, AT_REST))
     else:
         above = packing.Hopper(rig.hopper_diameter, source, particle, count)
         walls |= dict(zip(("slide", "cone", "bin"), above.shapes, strict=True))
@@ -166,9 +169,9 @@ def _packing(
         places, velocities = filling.scattered(count, funnel, box, particle, random)
         low, high = packing.domain_of(rig, particle, source, above)
         flows = _longest_flow(particle, source.diameter, count)
-        stages = [Settle(fill_limit, SETTLED), Open("slide"), Settle(flows + settle_limit, AT_REST)]
+        stages = (Settle(fill_limit, SETTLED), Open("slide"), Settle(flows + settle_limit, AT_REST))
     middle = np.array([0.0, 0.0, rig.cylinder_height / 2])
-    return Scene(rig, walls, places, velocities, tuple(stages), np.array(low), np.array(high), middle)
+    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle)
 
 
 def _pile(
@@ -190,10 +193,11 @@ def _pile(
         # steps of a tenth of a millimetre, so that the option can repeat the value
         fall = 3 * particle.diameter if fall_height is None else fall_height
         expected = rig.rim_height + rig.base_diameter / 2 * math.tan(STEEPEST_HEAP) + particle.diameter + fall
-        rig = replace(rig, outlet_height=math.ceil(expected * 1e4) / 1e4)
+        height = math.ceil(expected * 1e4) / 1e4
+        rig = replace(rig, outlet_height=height)
         said = (
-            f"the funnel stands {rig.outlet_height * 1e3:.4g} mm above the base, as a deck has no funnel that rises "
-            f"with the heap; rigtwin's own twin of this rig takes --outlet-height {rig.outlet_height * 1e3:.4g}mm",
+            f"the funnel stands {height * 1e3:.4g} mm above the base, as a deck has no funnel that rises with the heap; "
+            f"rigtwin's own twin of this rig takes --outlet-height {height * 1e3:.4g}mm",
         )
     pile.check(rig, particle, count=count)
     positive(settle_limit=settle_limit)
@@ -264,7 +268,7 @@ def _hopper(
 
 
 def _longest_flow(particle: Particle, outlet: float, count: int) -> float:
-    """Upper bound [s] of a discharge, after which a hopper counts as blocked: four times Beverloo's, and two seconds."""
+    """Longest discharge [s], after which a hopper counts as blocked: four times Beverloo's, and two seconds."""
     grain = particle.equivalent_diameter
     return 2.0 + 4.0 * count / filling.beverloo(particle, max(outlet, 2.5 * grain), grain)
 

@@ -172,7 +172,8 @@ def run(duration):
 def write(name, mode):
     ids = alive()
     with open(name, mode) as file:
-        file.write("ITEM: TIMESTEP\\n%d\\nITEM: NUMBER OF ATOMS\\n%d\\nITEM: BOX BOUNDS ff ff ff\\n" % (O.iter, len(ids)))
+        file.write("ITEM: TIMESTEP\\n%d\\nITEM: NUMBER OF ATOMS\\n%d\\n" % (O.iter, len(ids)))
+        file.write("ITEM: BOX BOUNDS ff ff ff\\n")
         for k in range(3):
             file.write("%g %g\\n" % (low[k], high[k]))
         file.write("ITEM: ATOMS id x y z vx vy vz\\n")
@@ -224,12 +225,6 @@ for stage in D["stages"]:
     + """', "a")
             if not any(O.bodies[id].state.pos[2] > 0 for id in alive()):
                 break
-if os.path.exists('"""
-    + RECORD
-    + """') and D["stages"][-1]["kind"] == "Settle":
-    write('"""
-    + RECORD
-    + """', "a")
 write('"""
     + END
     + """', "w")
