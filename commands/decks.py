@@ -121,7 +121,7 @@ def deck_of(code: Code, work: partial[Any]) -> Any:
     from rigtwin.lab.errors import BadInput
     from rigtwin.sim.decks.deck import Deck
 
-    rig, cast = work.args
+    rig, (particle, wall, contact, wall_contact) = work.args
     said = dict(work.keywords)
     for name, usual in OWN.items():
         if said.pop(name, usual) != usual:
@@ -135,7 +135,7 @@ def deck_of(code: Code, work: partial[Any]) -> Any:
         if said.get(name) is not None
     }
     options = {name: value for name, value in said.items() if value is not None}
-    deck = Deck(code, rig, *cast, count=count, options=options, **settings)
+    deck = Deck(code, rig, particle, wall, contact, wall_contact, count, options=options, **settings)
     # what the rig leaves open and a deck must state is part of its rig from here on
     return replace(deck, rig=deck.scene.rig)
 

@@ -4,7 +4,7 @@ Every code starts from the same positions.  Beds and heaps of the same beads dif
 additions differs: heaps of this size by several degrees, discharges by a few percent.  The tolerances are about twice
 that scatter; they show that geometry, motion and conventions are right, not that the contact laws are equal.
 
-    python benchmarks/engine/decks.py [--code liggghts ...] [--rig pile ...] [--seeds 2] [--count-factor 1]
+    python benchmarks/engine/decks.py [--code liggghts ...] [--rig pile ...] [--seeds 2]
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rigtwin.sim.decks.deck import Deck
 
 RESULTS = {"packing": packing_result, "pile": pile_result, "drum": drum_result, "hopper": hopper_result}
-SAME = 1e-6  # relative difference below which two settings count as equal: rounding of text with units
+SAME = 1e-3  # relative difference below which two settings count as equal: they may be rounded to three digits
 
 
 def imported_twin(folder: Path, progress: Progress = silent) -> Twin:

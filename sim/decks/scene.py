@@ -196,8 +196,8 @@ def _pile(
         height = math.ceil(expected * 1e4) / 1e4
         rig = replace(rig, outlet_height=height)
         said = (
-            f"the funnel stands {height * 1e3:.4g} mm above the base, as a deck has no funnel that rises with the heap; "
-            f"rigtwin's own twin of this rig takes --outlet-height {height * 1e3:.4g}mm",
+            f"the funnel stands {height * 1e3:.4g} mm above the base, as a deck has no funnel that rises with the "
+            f"heap; rigtwin's own twin of this rig takes --outlet-height {height * 1e3:.4g}mm",
         )
     pile.check(rig, particle, count=count)
     positive(settle_limit=settle_limit)
