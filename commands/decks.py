@@ -191,7 +191,7 @@ app.command("edem", epilog="Example: rigtwin export edem --particle D6 --wall st
     _described(_card("edem"), f"Write particle, wall and contacts for EDEM's dialogs.\n\n{CARDS}")
 )
 app.command("csv", epilog="Example: rigtwin export csv --particle D6 --wall steel --out d6-steel.csv")(
-    _described(_card("csv"), "Write particle, wall and contacts as a CSV table, in rigtwin's conventions.")
+    _described(_card("csv"), "Write particle, wall and contacts as a CSV table.")
 )
 app.add_typer(_group("liggghts", "LIGGGHTS", _card("liggghts")), name="liggghts")
 app.add_typer(_group("lammps", "LAMMPS", None), name="lammps")

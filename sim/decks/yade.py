@@ -7,7 +7,6 @@ from dataclasses import asdict
 from typing import Any
 
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.sim.decks.card import of_usual_damping
 from rigtwin.sim.decks.deck import END, RECORD, Deck, rolling_stiffness, triangles
 from rigtwin.sim.decks.scene import Pour
 from rigtwin.sim.run.filling import LOOK
@@ -24,6 +23,7 @@ def differences(deck: Deck) -> tuple[str, ...]:
         "weights",
         "walls have the moduli of the beads, as Yade takes the mean of both shear moduli, and act as beads of twice "
         "the radius",
+        "contacts attract each other as an impact ends; the restitution is the same, the dashpot weaker",
         "the tangential dashpot of Yade is as strong as the normal one",
         "walls are facets: a bead on an edge between two of them is pushed by both",
     ]
@@ -35,7 +35,7 @@ def differences(deck: Deck) -> tuple[str, ...]:
 def converted(deck: Deck) -> dict[str, Any]:
     """Coefficients in Yade's conventions."""
     return {
-        "restitution": [of_usual_damping(deck.contact.restitution), of_usual_damping(deck.wall_contact.restitution)],
+        "restitution": [deck.contact.restitution, deck.wall_contact.restitution],
         "static_friction": [deck.contact.static_friction, deck.wall_contact.static_friction],
         "rolling_friction": [deck.contact.rolling_friction, deck.wall_contact.rolling_friction],
         "krot_n_m_per_rad": rolling_stiffness(deck, deck.laws[0], deck.particle.radius / 2),

@@ -177,11 +177,11 @@ def test_an_imported_bed_has_the_height_of_its_beads(tmp_path, capsys):
     write(tmp_path, made)
     (tmp_path / END).write_text(dump([1000], [bed()]))
     assert run(["import", str(tmp_path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    tops = [one["value"] for one in told["quantities"] if one["method"] == "outline" and one["unit"] == "m"]
+    document = json.loads(capsys.readouterr().out)
+    tops = [one["value"] for one in document["quantities"] if one["method"] == "outline" and one["unit"] == "m"]
     assert tops[0] == pytest.approx(3 * D6.diameter, rel=0.05)
-    assert "LAMMPS, not by rigtwin" in told["assumptions"][0]
-    assert told["settings"]["engine"] == {"computed_by": "LAMMPS"}
+    assert "LAMMPS, not by rigtwin" in document["assumptions"][0]
+    assert document["settings"]["engine"] == {"computed_by": "LAMMPS"}
     assert (tmp_path / "twin" / "quantities.json").is_file()
     assert (tmp_path / "twin" / "packing-twin-profile-1.csv").is_file()
 
@@ -239,9 +239,9 @@ def test_the_commands_print_how_a_deck_is_run_and_refuse_what_it_cannot_hold(tmp
     out = tmp_path / "deck"
     options = ["--particle", "D6", "--count", "50", "--cylinder-diameter", "50mm", "--out", str(out)]
     assert run(["export", "lammps", "packing", *options]) == 0
-    told = capsys.readouterr().out
-    assert f"cd {out} && lmp -in in.lammps" in told
-    assert "mpirun -np 2" in told
+    document = capsys.readouterr().out
+    assert f"cd {out} && lmp -in in.lammps" in document
+    assert "mpirun -np 2" in document
     assert {"deck.json", "in.lammps", "pour.in"} <= {path.name for path in out.iterdir()}
     assert run(["import", str(out)]) == 2
     assert "has not run to its end" in capsys.readouterr().err
@@ -331,3 +331,45 @@ def test_a_bead_bounces_in_lammps_with_the_restitution_that_was_given(restitutio
     looks = (tmp_path / "look.txt").read_text().split("ITEM: ATOMS id vz")[1:]
     speeds = [float(look.split()[1]) for look in looks]
     assert max(speeds) / 0.5 == pytest.approx(restitution, abs=0.02)
+
+
+BOUNCE = """
+import os
+R, dt = {radius!r}, {step!r}
+kinds = [O.materials.append(FrictMat(young={young!r}, poisson={poisson!r}, density={density!r})) for _ in range(2)]
+O.bodies.append(facet([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], material=kinds[1], fixed=True))
+b = O.bodies.append(sphere((0, 0, 1.01 * R), R, material=kinds[0]))
+O.bodies[b].state.vel = (0, 0, -0.5)
+en = MatchMaker(matches=((kinds[0], kinds[0], {among!r}), (kinds[0], kinds[1], {against!r})))
+O.engines = [
+    ForceResetter(), InsertionSortCollider([Bo1_Sphere_Aabb(), Bo1_Facet_Aabb()]),
+    InteractionLoop([Ig2_Sphere_Sphere_ScGeom(), Ig2_Facet_Sphere_ScGeom()],
+        [Ip2_FrictMat_FrictMat_MindlinPhys(en=en)], [Law2_ScGeom_MindlinPhys_Mindlin()]),
+    NewtonIntegrator(damping=0)]
+O.dt = dt
+O.run(int(0.01 / dt), True)
+open("speed.txt", "w").write(str(O.bodies[b].state.vel[2]))
+os._exit(0)
+"""
+
+
+@pytest.mark.slow
+@installed("yade")
+@pytest.mark.parametrize("restitution", [0.4, 0.75])
+def test_a_bead_bounces_in_yade_with_the_restitution_that_was_given(restitution, tmp_path):
+    made = replace(deck("yade", "pile"), wall_contact=Contact(restitution, 0.3, 0.05), time_step_fraction=0.02)
+    bead = made.soft
+    among, against = made.to_json()["in_the_code"]["restitution"]
+    (tmp_path / "bounce.py").write_text(
+        BOUNCE.format(
+            radius=bead.radius,
+            step=made.time_step,
+            young=bead.material.youngs_modulus,
+            poisson=bead.material.poisson_ratio,
+            density=bead.effective_density,
+            among=among,
+            against=against,
+        )
+    )
+    subprocess.run(["yade", "-n", "-x", "bounce.py"], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    assert float((tmp_path / "speed.txt").read_text()) / 0.5 == pytest.approx(restitution, abs=0.01)
