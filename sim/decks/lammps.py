@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.rigs import GRAVITY, Hopper, Packing
 from rigtwin.lab.rolling_conventions import rolling_friction
 from rigtwin.sim.decks import commands
 from rigtwin.sim.decks.deck import END, RECORD, Deck, rolling_stiffness
@@ -31,6 +31,8 @@ def differences(deck: Deck) -> tuple[str, ...]:
         "the spring of LAMMPS's rolling sds does not stiffen with the load; it equals type C's under ten weights",
         "a disc is a plate with a thickness of half a bead's radius on the side without beads",
     ]
+    if isinstance(deck.rig, (Hopper, Packing)):
+        found.append("cones and tubes touch only beads whose centres lie between their ends, so edges do not push")
     if deck.rolling != "type C":
         found.insert(0, f"LAMMPS has no rolling resistance of {deck.rolling}; sds has the same limit of the torque")
     return tuple(found)
