@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-decks clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -67,6 +67,10 @@ bench-guards: $(READY)
 # SEED=7 COUNT=40 make bench-diagnose: other labs, fewer of them
 bench-diagnose: $(READY)
 	$(BIN)/python benchmarks/diagnose/verdicts.py $(if $(COUNT),--count $(COUNT))
+
+# decks of four rigs run by LIGGGHTS, LAMMPS and Yade, where they are installed; about ten minutes
+bench-decks: $(READY)
+	$(BIN)/python benchmarks/engine/decks.py
 
 clean:
 	rm -rf .venv .typing out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -15,20 +15,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from rigtwin.commands import labs, measure, simulate
+from rigtwin.commands import decks, labs, measure, simulate
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
-from rigtwin.commands.options import (
-    Cluster,
-    Json,
-    Quiet,
-    Runs,
-    Seed,
-    Stiffness,
-    Threads,
-    TimeStep,
-    file_option,
-    out_option,
-)
+from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 from rigtwin.lab.version import __version__
@@ -117,48 +106,8 @@ app.command(epilog="Example: rigtwin compare my-lab --only drop-D6-steel --out r
 app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
 
 
-@app.command(epilog="Example: rigtwin export liggghts --particle D6 --wall steel --out d6-steel.in")
-def export(
-    code: Annotated[Literal["edem", "liggghts"], typer.Argument(help="The code that shall compute: edem, liggghts.")],
-    *,
-    particle: simulate.ParticleName = "D6",
-    wall: simulate.WallName = "steel",
-    lab: simulate.LabFolder = None,
-    restitution: simulate.Restitution = None,
-    static_friction: simulate.StaticFriction = None,
-    rolling_friction: simulate.RollingFriction = None,
-    rolling_model: simulate.RollingModel = "C",
-    stiffness_factor: Stiffness = 1e-3,
-    time_step_fraction: TimeStep = 0.3,
-    out: Annotated[Path | None, file_option("--out", "FILE", "Write it here; standard output by default.")] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Write particle, wall and contacts for another DEM code.
-
-    Rolling friction means different torques in different codes; the value here is the one that gives the same limit.
-    """
-    from rigtwin.compare.result_files import write_together
-    from rigtwin.sim.export import export as convert
-
-    cast = simulate.cast_of(particle, wall, lab, restitution, static_friction, rolling_friction)
-    made = convert(
-        code,
-        *cast,
-        rolling=simulate.rolling_law(rolling_model),
-        stiffness_factor=stiffness_factor or 1e-3,
-        time_step_fraction=time_step_fraction,
-    )
-    if out is not None:
-        write_together(out.parent, {out.name: made.text})
-    for warning in made.warnings:
-        typer.echo(f"rigtwin: {warning}", err=True)
-    if as_json:
-        print_json(made.to_json())
-    elif out is None:
-        typer.echo(made.text, nl=False)
-    elif not quiet:
-        typer.echo(f"wrote {out}")
+app.add_typer(decks.app, name="export")
+app.command("import", epilog="Example: rigtwin import out/liggghts-pile")(decks.import_deck)
 
 
 @app.command(epilog="Example: rigtwin reproduce hlosta2020 --table 14 --repetitions 3")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -37,6 +38,14 @@ def compare(
     threads: Threads = None,
     stiffness_factor: Stiffness = None,
     rolling_model: simulate.RollingOfMany = None,
+    simulated: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--simulated",
+            metavar="ID=FOLDER",
+            help="Take what another code computed from an exported deck as this experiment's twin; may be given again.",
+        ),
+    ] = None,
     out: Out = None,
 ) -> Work:
     """Measure a whole lab, run its twins, write percent deviations.
@@ -58,7 +67,23 @@ def compare(
         threads=threads,
         stiffness_factor=stiffness_factor,
         rolling=None if rolling_model is None else simulate.rolling_law(rolling_model),
+        simulated=folders_of(simulated or ()),
     )
+
+
+def folders_of(said: Sequence[str]) -> dict[str, Path]:
+    """Folders of decks by experiment, from texts like ``ID=FOLDER``."""
+    from rigtwin.lab.errors import BadInput
+
+    found: dict[str, Path] = {}
+    for text in said:
+        name, equals, folder = text.partition("=")
+        if not (name and equals and folder):
+            raise BadInput(f"--simulated: {text!r} is not ID=FOLDER; name an experiment and the folder of its deck.")
+        if name in found:
+            raise BadInput(f"--simulated: {name} is given twice; leave one of them out.")
+        found[name] = Path(folder)
+    return found
 
 
 @finished(show_diagnosis)

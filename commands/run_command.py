@@ -63,7 +63,7 @@ def simulated(rig: str) -> Callable[[Command], Command]:
     default = Path(f"out/simulate-{rig}")
 
     def around(own: Any, *, out: Path | None, as_json: bool, quiet: bool) -> None:
-        with _errors_by_option(own.keywords):
+        with errors_by_option(own.keywords):
             work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
             from rigtwin.commands.output_folder import check_only
 
@@ -77,7 +77,7 @@ def simulated(rig: str) -> Callable[[Command], Command]:
 
 
 @contextmanager
-def _errors_by_option(names: Collection[str]) -> Iterator[None]:
+def errors_by_option(names: Collection[str]) -> Iterator[None]:
     """A refusal that begins with the name of a setting begins with its option instead, where there is one."""
     from rigtwin.lab.errors import BadInput
 

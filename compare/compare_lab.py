@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -25,6 +25,7 @@ from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
 from rigtwin.compare.measure_repetitions import Measured, measuring
 from rigtwin.compare.preflight import need_possible
+from rigtwin.compare.twins.imported import imported_for
 from rigtwin.compare.twins.matched import (
     checkpoints,
     twin_of,
@@ -60,6 +61,7 @@ def compare(
     model: Path | None = None,
     stiffness_factor: float | None = None,
     rolling: Rolling | None = None,
+    simulated: Mapping[str, Path] | None = None,
 ) -> Comparison:
     """Compare a lab with its twins and write the results.
 
@@ -89,6 +91,8 @@ def compare(
         Factor on the moduli in twins of many particles.
     rolling : Rolling, optional
         Rolling resistance law of twins of many particles.
+    simulated : mapping of str to Path, optional
+        For experiments by name the folder of a deck that another code has computed; it takes the place of the twin.
 
     Returns
     -------
@@ -122,7 +126,8 @@ def compare(
     _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor, rolling=rolling)
     for experiment in experiments:
         need_possible(lab, experiment, count=count)
-    twins: dict[str, list[Twin]] = {}
+    twins, more = _imported(lab, experiments, simulated or {})
+    remarks += more
     run = partial(
         twin_of,
         model=lab.model,
@@ -136,7 +141,7 @@ def compare(
     with _note_of_kept(out / UNFINISHED, experiments):
         with measuring(experiments, out, workers) as pending:
             for experiment in experiments:
-                if not entry_of(experiment).needs_measurement(experiment):
+                if experiment.id not in twins and not entry_of(experiment).needs_measurement(experiment):
                     number = runs if entry_of(experiment).many_particles else 1
                     twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
             measured = pending.results(progress)
@@ -159,6 +164,22 @@ def compare(
     return written
 
 
+def _imported(
+    lab: Lab, experiments: Sequence[Experiment], folders: Mapping[str, Path]
+) -> tuple[dict[str, list[Twin]], list[str]]:
+    """Twins that other codes have computed, by experiment, and remarks on them."""
+    twins: dict[str, list[Twin]] = {}
+    remarks: list[str] = []
+    known = {experiment.id: experiment for experiment in experiments}
+    for name, folder in folders.items():
+        if name not in known:
+            raise BadInput(f"--simulated: there is no experiment {name!r} here; {suggestion(name, list(known))}.")
+        twin, said = imported_for(known[name], folder, lab.model)
+        twins[name] = [twin]
+        remarks += said
+    return twins, remarks
+
+
 @contextmanager
 def _note_of_kept(folder: Path, experiments: Sequence[Experiment]) -> Iterator[None]:
     """Add to a KeyboardInterrupt between two twins a note on what is kept; a running twin adds its own note."""
@@ -179,7 +200,9 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
             source = _relative(item.source, comparison.lab.folder)
             rows += [result_files.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
         for number, twin in enumerate(outcome.twins):
-            run = f"twin, seed {comparison.seed + number}"
+            by = twin.settings.get("engine", {}).get("computed_by")
+            seed = twin.settings.get("seed") if by else comparison.seed + number
+            run = f"twin{f' by {by}' if by else ''}, seed {seed}"
             rows += [result_files.observation(name, rig, "simulated", run, item) for item in twin.evaluation.quantities]
     return rows
 

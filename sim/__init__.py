@@ -18,5 +18,5 @@ Shared by the rigs:
 - reduced/: fast one-body models for the diagnosis
 - engine/: the DEM: contact laws, walls, time integration
 - effects/: catalogue of effects that extend the plain model
-- export.py: parameters for EDEM and LIGGGHTS
+- decks/: input files for other DEM codes, and the reading of what they write
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -27,8 +28,9 @@ from rigtwin.sim.run.set_up import Bench, Numerics
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.bulk import Bulk
-    from rigtwin.sim.engine.bulk.particle_state import Grains
+    from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
     from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.output.replay import Frame
     from rigtwin.sim.run.run_log import Logbook
 
 
@@ -121,20 +123,19 @@ def run(
     Hlosta et al. 2020, section 2.2.4.  The mixing index: Lacey 1954, J. Appl. Chem. 4, 257.
     """
     check(rig, particle, count=count)
-    depth, part = _filled_in(rig)
+    depth, _ = filled_in(rig)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
     fill_from = as_given(rig.fill) if count is None else "by the number of beads given"
     said = "fill" if count is None else "count"
     if count is None:
-        volume = math.pi / 4 * rig.diameter**2 * depth
-        count = max(1, round(part * PACKING * volume / particle.volume))
+        count = filled(rig, particle)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     if (passes := abs(rig.speed) * rig.diameter / 2) >= bench.fastest:
         raise BadInput(
             f"speed: the drum's wall would move at {passes:.3g} m/s, but the time step allows at most "
             f"{bench.fastest:.3g} m/s; turn it more slowly."
         )
-    bulk = bench.bulk(_shapes(rig, depth), _domain(rig, depth, particle), open_domain=False)
+    bulk = bench.bulk(shapes(rig, depth), domain(rig, depth, particle), open_domain=False)
     course = _Course(random=np.random.default_rng(seed))
     asked = {"count": count, "turns": turns, "interval": interval, "fill_limit": fill_limit}
     with bench.logbook(bulk, seed=seed, **asked) as logbook:
@@ -143,23 +144,12 @@ def run(
         _scatter(bulk, logbook, course, rig, depth, particle, count, said, progress)
         _settle(bulk, logbook, course, rig, particle, fill_limit, progress)
         _turn(bulk, logbook, course, rig, particle, turns, interval, progress)
-    times, beads, grains = np.array(course.times), bulk.beads(), bulk.grains()
-    empty = _outline(np.zeros((0, 3)), np.zeros(0), rig, particle)
-    profiles = tuple(
-        replace(empty, height=np.array(height), view=f"t = {when:.3f} s")
-        for when, height in zip(course.times, course.heights, strict=True)
-    )
-    steady_from = min(STEADY_AFTER, 0.5 * turns) * 2 * math.pi / abs(rig.speed)
-    late = [profile.height for profile, when in zip(profiles, times, strict=True) if when >= steady_from]
-    return Rotation(
-        time=times,
-        profiles=profiles,
-        steady=replace(empty, height=np.mean(late, axis=0), view="mean"),
-        steady_from=steady_from,
-        mixing=Series(times, np.array(course.mixing), "lacey_index", "1"),
-        mixed=mixing(*_marked(grains, course), CELL * particle.diameter),
-        centres=beads.position,
-        radii=beads.radius,
+    return _rotation(
+        rig,
+        particle,
+        course,
+        bulk.beads(),
+        bulk.grains(),
         count=count,
         turns=turns,
         statistics={
@@ -181,9 +171,82 @@ def run(
     )
 
 
+def replayed(rig: Drum, particle: Particle, frames: Sequence[Frame], *, turns: float, in_time: bool) -> Rotation:
+    """The result of a rotation that another program computed.
+
+    Parameters
+    ----------
+    rig : Drum
+        Diameter and depth [m], speed [rad/s].
+    particle : Particle
+        The sphere.
+    frames : sequence of Frame
+        The bed as the drum begins to turn, then at regular intervals.
+    turns : float
+        Number of revolutions [1].
+    in_time : bool
+        Whether the bed was at rest as the drum began to turn.
+
+    Returns
+    -------
+    Rotation
+        Outlines of the bed and mixing index over time, as `run` gives them.
+    """
+    first, last = frames[0], frames[-1]
+    course = _Course(random=np.random.default_rng(0), let_go=first.time, in_time=in_time)
+    _mark_halves(first.grains(particle), course)
+    for frame in frames:
+        _look(frame.beads(particle), frame.grains(particle), frame.time, course, rig, particle)
+    count = len(last.ident)
+    return _rotation(
+        rig, particle, course, last.beads(particle), last.grains(particle), count=count, turns=turns,
+        statistics={}, history=None, assumptions={}, warnings=_warnings(course),
+    )  # fmt: skip
+
+
+def _rotation(
+    rig: Drum,
+    particle: Particle,
+    course: _Course,
+    beads: Beads,
+    grains: Grains,
+    *,
+    count: int,
+    turns: float,
+    statistics: dict[str, float],
+    history: History | None,
+    assumptions: dict[str, str],
+    warnings: tuple[str, ...],
+) -> Rotation:
+    times = np.array(course.times)
+    empty = _outline(np.zeros((0, 3)), np.zeros(0), rig, particle)
+    profiles = tuple(
+        replace(empty, height=np.array(height), view=f"t = {when:.3f} s")
+        for when, height in zip(course.times, course.heights, strict=True)
+    )
+    steady_from = min(STEADY_AFTER, 0.5 * turns) * 2 * math.pi / abs(rig.speed)
+    late = [profile.height for profile, when in zip(profiles, times, strict=True) if when >= steady_from]
+    return Rotation(
+        time=times,
+        profiles=profiles,
+        steady=replace(empty, height=np.mean(late, axis=0), view="mean"),
+        steady_from=steady_from,
+        mixing=Series(times, np.array(course.mixing), "lacey_index", "1"),
+        mixed=mixing(*_marked(grains, course), CELL * particle.diameter),
+        centres=beads.position,
+        radii=beads.radius,
+        count=count,
+        turns=turns,
+        statistics=statistics,
+        history=history,
+        assumptions=assumptions,
+        warnings=warnings,
+    )
+
+
 def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
     """Checks of a run: fill, size of the bed in bead diameters, and number of turns and samples."""
-    share = _share(rotation.count, rig, _filled_in(rig)[0], particle)
+    share = _share(rotation.count, rig, filled_in(rig)[0], particle)
     high, long = (size / particle.equivalent_diameter for size in _across(share, rig.diameter))
     enough = high >= SHALLOWEST and long >= SHORTEST
     looks = int((rotation.time >= rotation.steady_from).sum())
@@ -219,9 +282,9 @@ def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
-    depth, _ = _filled_in(rig)
+    depth, _ = filled_in(rig)
     reach = np.full(3, rig.diameter + depth)
-    shell, _front, back = _shapes(rig, depth)
+    shell, _front, back = shapes(rig, depth)
     walls = np.concatenate([triangles(shape, (-reach, reach)) for shape in (shell, back)])
     return draw(rotation.centres, rotation.radii, walls=walls, turn=12.0, tilt=8.0)
 
@@ -229,13 +292,20 @@ def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
 # ---------------------------------------------------------------------- the rig
 
 
-def _filled_in(rig: Drum) -> tuple[float, float]:
+def filled_in(rig: Drum) -> tuple[float, float]:
+    """Depth [m] of the drum and the share that is filled, with defaults for what the rig does not state."""
     depth = DEPTH * rig.diameter if rig.depth is None else rig.depth
     share = FILL if rig.fill is None else rig.fill
     positive(diameter=rig.diameter, depth=depth)
     if not 0 < share < FULLEST:
         raise BadInput(f"fill: {share:g} of the drum must be above 0 and below {FULLEST:g}.")
     return depth, share
+
+
+def filled(rig: Drum, particle: Particle) -> int:
+    """Number of particles that fill the share `rig.fill` of the drum."""
+    depth, part = filled_in(rig)
+    return max(1, round(part * PACKING * math.pi / 4 * rig.diameter**2 * depth / particle.volume))
 
 
 def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:
@@ -261,6 +331,12 @@ def _scatter(
     said: str,
     progress: Progress,
 ) -> None:
+    inside, box = room(rig, depth)
+    filling.scatter_in_turns(bulk, logbook, course, count, inside, box, particle, progress, said)
+
+
+def room(rig: Drum, depth: float) -> tuple[filling.Inside, tuple[Array, Array]]:
+    """Test for points in the drum, and the corners [m] of the box around it."""
     half, deep = rig.diameter / 2, depth / 2
 
     def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
@@ -268,10 +344,11 @@ def _scatter(
         return np.asarray(free & (deep - np.abs(points[:, 1]) > clear))
 
     low = np.array([-half, -deep, -half])
-    filling.scatter_in_turns(bulk, logbook, course, count, inside, (low, -low), particle, progress, said)
+    return inside, (low, -low)
 
 
-def _shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
+def shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
+    """Shell and end walls; x and z from the axis, y along it."""
     from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     axis, half, deep = (0.0, 1.0, 0.0), rig.diameter / 2, depth / 2
@@ -282,7 +359,8 @@ def _shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
     )
 
 
-def _domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], list[float]]:
+def domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], list[float]]:
+    """Corners [m] of the room in which beads are simulated."""
     half, deep = (size / 2 + 2 * particle.diameter for size in (rig.diameter, depth))
     return [-half, -deep, -half], [half, deep, half]
 
@@ -315,12 +393,16 @@ def _settle(
     if course.let_go is not None:
         return
     filling.settle_and_let_go(bulk, logbook, course, particle, limit, progress)
-    grains = bulk.grains()
-    course.level = float(np.median(grains.position[:, 2]))
-    course.low_at_first = grains.ident[grains.position[:, 2] < course.level].tolist()
-    _look(bulk, course, rig, particle)
+    _mark_halves(bulk.grains(), course)
+    _look(bulk.beads(), bulk.grains(), bulk.time, course, rig, particle)
     for wall in range(len(bulk.shapes)):
         bulk.move_wall(wall, Motion(spin=rig.speed, axis=(0.0, 1.0, 0.0), start=bulk.time))
+
+
+def _mark_halves(grains: Grains, course: _Course) -> None:
+    """Divide the bed at rest into a lower and an upper half."""
+    course.level = float(np.median(grains.position[:, 2]))
+    course.low_at_first = grains.ident[grains.position[:, 2] < course.level].tolist()
 
 
 def _turn(
@@ -339,20 +421,19 @@ def _turn(
     lasts = turns * 2 * math.pi / abs(rig.speed)
     while bulk.time - course.let_go < lasts:
         logbook.run(steps)
-        _look(bulk, course, rig, particle)
+        _look(bulk.beads(), bulk.grains(), bulk.time, course, rig, particle)
         logbook.look(course.kept())
         progress("turning", bulk.time - course.let_go, lasts)
 
 
-def _look(bulk: Bulk, course: _Course, rig: Drum, particle: Particle) -> None:
-    """Record the outline of the bed and its mixing index."""
+def _look(beads: Beads, grains: Grains, time: float, course: _Course, rig: Drum, particle: Particle) -> None:
+    """Record the outline of the bed and its mixing index at `time` [s]."""
     assert course.let_go is not None
-    beads = bulk.beads()
     heap = bed(beads.position, beads.radius)
     surface = _outline(beads.position[heap], beads.radius[heap], rig, particle)
-    course.times.append(bulk.time - course.let_go)
+    course.times.append(time - course.let_go)
     course.heights.append(surface.height.tolist())
-    course.mixing.append(lacey(*_marked(bulk.grains(), course), CELL * particle.diameter))
+    course.mixing.append(lacey(*_marked(grains, course), CELL * particle.diameter))
 
 
 def _marked(grains: Grains, course: _Course) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -376,7 +457,7 @@ def _outline(centres: Array, radii: Array, rig: Drum, particle: Particle) -> Pro
 
 def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
     """Raise `BadInput` where `run` would refuse these settings, without simulating."""
-    depth, _ = _filled_in(rig)
+    depth, _ = filled_in(rig)
     if not (math.isfinite(rig.speed) and rig.speed != 0):
         raise BadInput(f"speed: the drum must turn; got {rig.speed:g} rad/s.")
     if rig.diameter < 4 * particle.diameter:

@@ -7,6 +7,7 @@ of section 2.2.5, whose beads run down a slide and form a heap on the floor belo
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Unpack
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.bulk import Bulk
     from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
     from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.output.replay import Frame
     from rigtwin.sim.run.run_log import Logbook
 
 
@@ -132,7 +134,7 @@ def run(
     Hlosta et al. 2020, sections 2.2.3 and 2.2.5.
     """
     check(rig, particle, count=count, duration=duration)
-    plan = _plan(rig, particle, count)
+    plan = plan_of(rig, particle, count)
     positive(fill_limit=fill_limit, settle_limit=settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     bulk = bench.bulk(plan.shapes, plan.domain)
@@ -146,7 +148,90 @@ def run(
         _settle(bulk, logbook, course, particle, fill_limit, progress)
         _discharge(bulk, logbook, course, plan, duration, progress)
         at_rest = not plan.floor or filling.settle(bulk, logbook, course, particle, settle_limit, progress, every=LOOK)
-    beads = bulk.beads()
+    return _discharge_of(
+        rig,
+        particle,
+        plan,
+        course,
+        bulk.beads(),
+        at_rest=at_rest,
+        time=bulk.time,
+        statistics=logbook.statistics(),
+        history=logbook.history,
+        assumptions={**_opening(course), **bench.assumptions()},
+        warnings=bench.warnings(bulk, logbook),
+    )
+
+
+def replayed(
+    rig: Hopper,
+    particle: Particle,
+    frames: Sequence[Frame],
+    *,
+    asked: int,
+    in_time: bool,
+    at_rest: bool,
+) -> Discharge:
+    """The result of a discharge that another program computed.
+
+    Parameters
+    ----------
+    rig : Hopper
+        Outlet [m], shape and sizes of the hopper.
+    particle : Particle
+        The sphere.
+    frames : sequence of Frame
+        The spheres as the outlet opens, then at regular intervals.  Those that are no longer there have left.
+    asked : int
+        Number of particles.
+    in_time : bool
+        Whether the bed was at rest as the outlet opened.
+    at_rest : bool
+        Whether the heap below a slot hopper rests in the last frame.
+
+    Returns
+    -------
+    Discharge
+        Times of passage, mass in the hopper and mass flow rate, as `run` gives them.
+    """
+    plan, course = plan_of(rig, particle, asked), _Course(count=asked, in_time=in_time, let_go=frames[0].time)
+    course.looks.append((0.0, asked))
+    interval = frames[1].time - frames[0].time if len(frames) > 1 else LOOK
+    for frame in frames[1:]:
+        now = frame.time - frames[0].time
+        _note_who_left(frame.grains(particle), course, now, interval)
+        course.looks.append((now, sum(when is None for when in course.left_at)))
+    now, inside = course.looks[-1]
+    last = max((when for when in course.left_at if when is not None), default=0.0)
+    course.arched = inside > 0 and now - last > STUCK and plan.over_outlet(frames[-1].position)
+    return _discharge_of(
+        rig, particle, plan, course, frames[-1].beads(particle), at_rest=at_rest, time=frames[-1].time, statistics={},
+        history=None, assumptions=_opening(course), warnings=(),
+    )  # fmt: skip
+
+
+def _opening(course: _Course) -> dict[str, str]:
+    return {
+        "opening": "the whole outlet opens at once",
+        "filling": f"placed loosely above the outlet and let fall, {course.let_go:.2f} s until the bed rested",
+    }
+
+
+def _discharge_of(
+    rig: Hopper,
+    particle: Particle,
+    plan: Plan,
+    course: _Course,
+    beads: Beads,
+    *,
+    at_rest: bool,
+    time: float,
+    statistics: dict[str, float],
+    history: History | None,
+    assumptions: dict[str, str],
+    warnings: tuple[str, ...],
+) -> Discharge:
+    count = course.count
     times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
     emptied = len(times)
     return Discharge(
@@ -162,16 +247,11 @@ def run(
         radii=beads.radius,
         pile=_heap(beads, particle, plan) if plan.floor else None,
         at_rest=at_rest,
-        time=bulk.time,
-        statistics=logbook.statistics(),
-        history=logbook.history,
-        assumptions={
-            **plan.assumptions,
-            "opening": "the whole outlet opens at once",
-            "filling": f"placed loosely above the outlet and let fall, {course.let_go:.2f} s until the bed rested",
-            **bench.assumptions(),
-        },
-        warnings=bench.warnings(bulk, logbook) + _warnings(rig, particle, course, emptied, count, at_rest),
+        time=time,
+        statistics=statistics,
+        history=history,
+        assumptions={**plan.assumptions, **assumptions},
+        warnings=warnings + _warnings(rig, particle, course, emptied, count, at_rest),
     )
 
 
@@ -180,7 +260,7 @@ def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArra
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
-    plan = _plan(rig, particle, discharge.asked)
+    plan = plan_of(rig, particle, discharge.asked)
     triangles_of = [triangles(shape, plan.domain) for shape in plan.shapes[LID + 1 :]]
     walls = np.concatenate(triangles_of)
     if rig.variant == "slot":  # plates facing the viewer would hide the beads
@@ -208,7 +288,7 @@ def steady_flow(outlet_times: Array, count: int, mass: float) -> float | None:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class Plan:
     """Walls of the hopper, the lid of the outlet first, and its domain."""
 
     shapes: tuple[Shape, ...]
@@ -226,16 +306,17 @@ class _Plan:
         return bool(((from_axis < self.outlet / 4) & (centres[:, 2] > 0)).any())
 
 
-def _plan(rig: Hopper, particle: Particle, count: int) -> _Plan:
+def plan_of(rig: Hopper, particle: Particle, count: int) -> Plan:
+    """Walls, filling and domain of a hopper for `count` beads."""
     # on the loose lattice a bead takes up to five cubes of its diameter
     room = 5 * count * particle.diameter**3
     return _slot(rig, particle, room) if rig.variant == "slot" else _conical(rig, particle, room)
 
 
-def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
+def _conical(rig: Hopper, particle: Particle, room: float) -> Plan:
     wide, cone = rig.diameter / 2, rig.cone_height
     top = cone + room / (math.pi * wide**2)
-    return _Plan(
+    return Plan(
         shapes=filling.funnel(rig.outlet, rig.diameter, cone, top),
         filled=(np.array([-wide, -wide, 0.0]), np.array([wide, wide, top])),
         domain=(np.array([-1.5 * wide, -1.5 * wide, -BELOW]), np.array([1.5 * wide, 1.5 * wide, top + wide])),
@@ -250,7 +331,7 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> _Plan:
     )
 
 
-def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
+def _slot(rig: Hopper, particle: Particle, room: float) -> Plan:
     from rigtwin.sim.engine.walls.shapes import Plate
 
     width = WIDTH if rig.width is None else rig.width
@@ -290,7 +371,7 @@ def _slot(rig: Hopper, particle: Particle, room: float) -> _Plan:
     assumed = {"slot_length": (rig.slot_length, length), "width": (rig.width, width)}
     assumed["slide_drop"] = (rig.slide_drop, drop)
     words = {name: f"{used * 1e3:.3g} mm ({as_given(given)})" for name, (given, used) in assumed.items()}
-    return _Plan(
+    return Plan(
         shapes=tuple(shapes),
         filled=(np.array([-wide, -deep, 0.0]), np.array([wide, deep, top])),
         domain=(low, np.array([far + margin, deep + margin, top + wide])),
@@ -335,7 +416,7 @@ def _settle(
 
 
 def _discharge(
-    bulk: Bulk, logbook: Logbook, course: _Course, plan: _Plan, duration: float | None, progress: Progress
+    bulk: Bulk, logbook: Logbook, course: _Course, plan: Plan, duration: float | None, progress: Progress
 ) -> None:
     """Record which beads have left, until no more do."""
     assert course.let_go is not None
@@ -354,7 +435,7 @@ def _discharge(
         progress("emptying", float(course.count - inside), float(course.count))
 
 
-def _note_who_left(grains: Grains, course: _Course, now: float) -> None:
+def _note_who_left(grains: Grains, course: _Course, now: float, interval: float = LOOK) -> None:
     """Record the times at which beads passed the outlet, from their free fall below it."""
     there = np.full(course.count, -1)
     there[grains.ident] = np.arange(len(grains.ident))
@@ -365,7 +446,7 @@ def _note_who_left(grains: Grains, course: _Course, now: float) -> None:
         elif (below := -float(grains.position[row, 2])) > 0:
             speed = max(-float(grains.velocity[row, 2]), 1e-9)
             ago = (speed - math.sqrt(max(speed**2 - 2 * GRAVITY * below, 0.0))) / GRAVITY
-            course.left_at[ident] = now - min(ago, LOOK)
+            course.left_at[ident] = now - min(ago, interval)
 
 
 # ---------------------------------------------------------------------- the result
@@ -376,7 +457,7 @@ def _mass_left(course: _Course, particle: Particle, count: int) -> Series:
     return Series(time_, inside * particle.mass, "mass_left", "kg")
 
 
-def _heap(beads: Beads, particle: Particle, plan: _Plan) -> Profile:
+def _heap(beads: Beads, particle: Particle, plan: Plan) -> Profile:
     below = beads.position[:, 2] < 0
     centres, radii = beads.position[below], beads.radius[below]
     heap = bed(centres, radii)

@@ -23,7 +23,9 @@ from rigtwin.sim.run.set_up import Bench, Numerics
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.bulk import Bulk
+    from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
     from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.output.replay import Frame
     from rigtwin.sim.run.run_log import Logbook
 
 
@@ -151,15 +153,15 @@ def run(
     """
     check(rig, particle, count=count, settle_limit=settle_limit, pour_rate=pour_rate)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
-    source = _outlet(rig, particle, pour_rate)
+    source = outlet_of(rig, particle, pour_rate)
     if rig.hopper_diameter is None:
         filling.need_bearable(source, bench.fastest)
     if bench.falls_freely:
         higher = "fall_height" if rig.fall_height > rig.cylinder_height else "cylinder_height"
         filling.need_bearable_fall(higher, source.height, source.speed, bench.fastest)
     hopper = None if rig.hopper_diameter is None else Hopper(rig.hopper_diameter, source, particle, count)
-    shapes = _shapes(rig) if hopper is None else [*_shapes(rig), *hopper.shapes]
-    bulk = bench.bulk(shapes, _domain(rig, particle, source, hopper), skin=filling.SKIN)
+    shapes = walls_of(rig) if hopper is None else [*walls_of(rig), *hopper.shapes]
+    bulk = bench.bulk(shapes, domain_of(rig, particle, source, hopper), skin=filling.SKIN)
     course = filling.Course(random=np.random.default_rng(seed))
     asked = {"count": count, "seed": seed, "settle_limit": settle_limit, "fill_limit": fill_limit}
     with bench.logbook(bulk, outlet=source.settings, **asked) as logbook:
@@ -174,14 +176,48 @@ def run(
         rig,
         particle,
         source,
-        bulk,
-        logbook,
+        bulk.beads(),
+        bulk.grains(),
         at_rest=at_rest,
         asked=count,
-        course=course,
+        placed=course.placed,
+        in_time=course.in_time,
+        time=bulk.time,
+        computing=logbook.computing,
+        statistics=logbook.statistics(),
+        history=logbook.history,
         assumptions={**_assumptions(rig, source), **bench.assumptions()},
         warnings=bench.warnings(bulk, logbook),
     )
+
+
+def replayed(rig: Packing, particle: Particle, frame: Frame, *, asked: int, pour_rate: float | None = None) -> Bed:
+    """The bed of a run that another program computed.
+
+    Parameters
+    ----------
+    rig : Packing
+        Dimensions of cylinder, outlet and hopper [m].
+    particle : Particle
+        The sphere.
+    frame : Frame
+        The spheres at the end.
+    asked : int
+        Number of particles that were poured.
+    pour_rate : float, optional
+        Particles per second [1/s], as in `run`.
+
+    Returns
+    -------
+    Bed
+        The bed at the end, as `run` gives it.
+    """
+    source, grains = outlet_of(rig, particle, pour_rate), frame.grains(particle)
+    return _bed(
+        rig, particle, source, frame.beads(particle), grains, at_rest=filling.resting(grains, particle), asked=asked,
+        placed=asked, in_time=True, time=frame.time, computing=math.nan, statistics={}, history=None,
+        assumptions=_assumptions(rig, source), warnings=(),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -256,11 +292,11 @@ def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -
     from rigtwin.sim.output.trajectory import triangles
 
     reach = np.full(3, rig.cylinder_height + rig.cylinder_diameter)
-    walls = np.concatenate([triangles(shape, (-reach, reach)) for shape in _shapes(rig)])
+    walls = np.concatenate([triangles(shape, (-reach, reach)) for shape in walls_of(rig)])
     return draw(bed.centres, bed.radii, walls=walls, turn=turn, tilt=tilt)
 
 
-def _domain(
+def domain_of(
     rig: Packing, particle: Particle, source: filling.Outlet, hopper: Hopper | None
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
     wide = max(rig.cylinder_diameter, source.diameter, hopper.diameter if hopper else 0.0)
@@ -269,7 +305,7 @@ def _domain(
     return (-side, -side, -2 * particle.diameter), (side, side, top + 3 * particle.diameter)
 
 
-def _shapes(rig: Packing) -> list[Shape]:
+def walls_of(rig: Packing) -> list[Shape]:
     from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     up = (0.0, 0.0, 1.0)
@@ -281,16 +317,20 @@ def _bed(
     rig: Packing,
     particle: Particle,
     source: filling.Outlet,
-    bulk: Bulk,
-    logbook: Logbook,
+    beads: Beads,
+    grains: Grains,
     *,
     at_rest: bool,
     asked: int,
-    course: filling.Course,
+    placed: int,
+    in_time: bool,
+    time: float,
+    computing: float,
+    statistics: dict[str, float],
+    history: History | None,
     assumptions: dict[str, str],
     warnings: tuple[str, ...],
 ) -> Bed:
-    beads, grains = bulk.beads(), bulk.grains()
     z = grains.position[:, 2]
     within = (np.hypot(*grains.position[:, :2].T) < rig.cylinder_diameter / 2) & (z > 0)
     stuck, arched = 0, False
@@ -302,9 +342,8 @@ def _bed(
     spheres = np.isin(beads.ident if beads.grain is None else beads.grain, grains.ident[within])
     centres, radii = beads.position[spheres], beads.radius[spheres]
     heights = surface(centres, radii, rig.cylinder_diameter)
-    placed = course.placed
     said = list(warnings)
-    if not course.in_time:
+    if not in_time:
         said.append("the filling of the hopper was still moving when its slide was removed; raise --fill-limit")
     if placed < asked:
         said.append(f"only {placed} of {asked} particles found room below the outlet")
@@ -331,16 +370,16 @@ def _bed(
         solid=float(within.sum()) * particle.volume,
         cylinder_diameter=rig.cylinder_diameter,
         at_rest=at_rest,
-        time=bulk.time,
+        time=time,
         asked=asked,
         placed=placed,
         missed=missed,
         stuck=stuck,
         arched=arched,
         outlet_diameter=source.diameter,
-        computing=logbook.computing,
-        statistics=logbook.statistics(),
-        history=logbook.history,
+        computing=computing,
+        statistics=statistics,
+        history=history,
         assumptions=assumptions,
         warnings=tuple(said),
     )
@@ -379,12 +418,12 @@ def check(
         raise BadInput(
             f"hopper_diameter: {rig.hopper_diameter * 1e3:.3g} mm is no wider than its outlet; give a wider hopper."
         )
-    source = _outlet(rig, particle, pour_rate)
+    source = outlet_of(rig, particle, pour_rate)
     if rig.hopper_diameter is None:
         filling.need_end(source, count)
 
 
-def _outlet(rig: Packing, particle: Particle, pour_rate: float | None) -> filling.Outlet:
+def outlet_of(rig: Packing, particle: Particle, pour_rate: float | None) -> filling.Outlet:
     opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     return filling.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
 

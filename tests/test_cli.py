@@ -132,17 +132,23 @@ def test_help_loads_nothing_heavy():
         assert HEAVY.isdisjoint(loaded.split())
 
 
-COMMANDS = [[command] for command in ("demo", "init", "compare", "diagnose", "reproduce", "export")] + [
-    [group, rig] for group in ("measure", "simulate") for rig in RIGS
+SINGLE = ("demo", "init", "compare", "diagnose", "import", "reproduce")
+DECKS = ("liggghts", "lammps", "yade")
+COMMANDS = [
+    *([command] for command in SINGLE),
+    *([group, rig] for group in ("measure", "simulate") for rig in RIGS),
+    *(["export", card] for card in ("edem", "csv")),
+    *(["export", code, rig] for code in DECKS for rig in ("packing", "pile", "drum", "hopper")),
 ]
+LISTED = {(): len(SINGLE) + 3, ("measure",): len(RIGS), ("simulate",): len(RIGS), ("export",): 5, ("export", "yade"): 4}
 
 
-@pytest.mark.parametrize("group", [[], ["measure"], ["simulate"]])
+@pytest.mark.parametrize("group", LISTED)
 def test_every_command_is_described_in_full_on_one_line_of_a_narrow_terminal(group, monkeypatch, capfd):
     monkeypatch.setenv("COLUMNS", "80")
     assert run([*group, "--help"]) == 0
     listed = capfd.readouterr().out.partition("Commands:")[2].splitlines()[1:]
-    assert len(listed) == (7 if group else len(COMMANDS) - 2 * 7 + 2)
+    assert len(listed) == LISTED[group]
     assert all(line.endswith(".") and not line.endswith("...") for line in listed)
 
 

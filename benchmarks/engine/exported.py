@@ -10,7 +10,7 @@ from rigtwin.benchmarks.engine import liggghts
 from rigtwin.benchmarks.figures import Row, against, skipped, small
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.sim.export import ROLLING, Export, export
+from rigtwin.sim.decks.card import ROLLING, Export, export
 
 SPEED, SPIN, DROP = 0.1, 50.0, 0.02  # [m/s], [rad/s], [m]
 LOAD = 0.1  # [N], that presses two spheres together

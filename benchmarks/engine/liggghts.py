@@ -24,8 +24,8 @@ from rigtwin.benchmarks.figures import Row, machine
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.decks.card import ROLLING
 from rigtwin.sim.engine.contact import Rolling
-from rigtwin.sim.export import ROLLING
 
 LOOK = 0.05  # [s] between two looks at how its processes fare
 TIME = re.compile(r"Loop time of (\S+) on \d+ procs? for (\d+) steps with (\d+) atoms")

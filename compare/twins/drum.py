@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from rigtwin.compare import curve_overlays
-from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin
+from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.drum_flow import froude_check
@@ -22,6 +22,7 @@ from rigtwin.lab.rigs import Drum, DrumSettings
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.quantity import Measurement
+    from rigtwin.sim.drum import Rotation
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -72,7 +73,37 @@ def drum_twin(
     begun = time.perf_counter()
     waits = stated(fill_limit=fill_limit)
     rotation = drum.run(rig, *cast, count=count, turns=turns, seed=seed, progress=progress, **waits, **numerics)
+    return drum_result(rig, cast, rotation, Computed(begun, seed, numerics.get("threads")), count=count)
+
+
+def drum_result(rig: Drum, cast: Cast, rotation: Rotation, computed: Computed, *, count: int | None = None) -> Twin:
+    """Evaluate a rotation that was simulated.
+
+    Parameters
+    ----------
+    rig : Drum
+        The rig.
+    cast : Cast
+        Particle, wall and contacts.
+    rotation : Rotation
+        Result of the run.
+    computed : Computed
+        How it was computed.
+    count : int, optional
+        Number of particles where it was stated.
+
+    Returns
+    -------
+    Twin
+        As `drum_twin` returns it.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be evaluated.
+    """
     from rigtwin.measure.drum import evaluate as ruler
+    from rigtwin.sim import drum
 
     checks = drum.checks(rig, cast.particle, rotation)
     try:
@@ -91,7 +122,7 @@ def drum_twin(
             raise BadInput(f"{'fill' if count is None else 'count'}: {why}.") from error
         raise
     angles = tuple(doubted(one, failed(checks)) for one in evaluation.quantities)
-    mixed = (rotation.mixed.quantity(turns),) if math.isfinite(rotation.mixed.index) else ()
+    mixed = (rotation.mixed.quantity(rotation.turns),) if math.isfinite(rotation.mixed.index) else ()
     evaluation = replace(evaluation, quantities=(*angles, *mixed), checks=(*checks, *evaluation.checks))
     over_time = ruler.angles_over_time(rotation.profiles, rotation.time, drum_diameter=rig.diameter)
     course = {
@@ -101,7 +132,7 @@ def drum_twin(
         "mixing_index": float(rotation.mixing.value[-1]),
     }
     shown = (rotation.steady,), (rotation.mixing, *over_time), lambda: drum.picture(rig, rotation)
-    twin = bulk_twin("drum", rig, cast, rotation, evaluation, begun, seed, numerics, course, *shown)
+    twin = bulk_twin("drum", rig, cast, rotation, evaluation, computed, course, *shown)
     return replace(twin, surfaces=rotation.profiles)
 
 

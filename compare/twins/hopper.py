@@ -8,7 +8,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 from rigtwin.compare import curve_overlays
-from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin, filling_count, filling_mass, stated_filling
+from rigtwin.compare.twins.many_body import (
+    Cast,
+    Computed,
+    ManyBodyEntry,
+    bulk_twin,
+    filling_count,
+    filling_mass,
+    stated_filling,
+)
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.run_warnings import warned
 from rigtwin.compare.twins.twin import Twin, stated
@@ -75,10 +83,42 @@ def hopper_twin(
     discharge = hopper.run(
         rig, *cast, count=count, seed=seed, duration=duration, progress=progress, **waits, **numerics
     )
+    return hopper_result(rig, cast, discharge, Computed(begun, seed, numerics.get("threads")), duration=duration)
+
+
+def hopper_result(
+    rig: Hopper, cast: Cast, discharge: Discharge, computed: Computed, *, duration: float | None = None
+) -> Twin:
+    """Evaluate a discharge that was simulated.
+
+    Parameters
+    ----------
+    rig : Hopper
+        The rig.
+    cast : Cast
+        Particle, wall and contacts.
+    discharge : Discharge
+        Result of the run.
+    computed : Computed
+        How it was computed.
+    duration : float, optional
+        Simulated time from the opening [s] where it was stated.
+
+    Returns
+    -------
+    Twin
+        As `hopper_twin` returns it.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be evaluated.
+    """
     from rigtwin.measure.hopper import evaluate as ruler
+    from rigtwin.sim import hopper
 
     try:
-        evaluation = ruler.evaluate(discharge.mass_left, total_mass=count * cast.particle.mass, opened=0.0)
+        evaluation = ruler.evaluate(discharge.mass_left, total_mass=discharge.asked * cast.particle.mass, opened=0.0)
     except BadInput as error:
         if why := _no_flow(rig, cast.particle, discharge, duration):
             raise BadInput(why) from error
@@ -94,7 +134,7 @@ def hopper_twin(
     }
     heap = () if discharge.pile is None else (discharge.pile,)
     shown = heap, (discharge.mass_left,), lambda: hopper.picture(rig, cast.particle, discharge)
-    return bulk_twin("hopper", rig, cast, discharge, evaluation, begun, seed, numerics, course, *shown)
+    return bulk_twin("hopper", rig, cast, discharge, evaluation, computed, course, *shown)
 
 
 def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:

@@ -25,7 +25,15 @@ if TYPE_CHECKING:
     from rigtwin.lab.file.model_file import Effects, Model
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Measurement
-    from rigtwin.sim.run.set_up import Numerics
+
+
+class Computed(NamedTuple):
+    """How a run was computed."""
+
+    begun: float  # start on the performance counter [s]
+    seed: int
+    threads: int | None = None  # None: all
+    by: str = ""  # another program than rigtwin
 
 
 class Cast(NamedTuple):
@@ -43,9 +51,7 @@ def bulk_twin(
     cast: Cast,
     run: Any,
     evaluation: Evaluation,
-    begun: float,
-    seed: int,
-    numerics: Numerics,
+    computed: Computed,
     course: Mapping[str, Any],
     profiles: tuple[Profile, ...] = (),
     series: tuple[Series, ...] = (),
@@ -53,7 +59,7 @@ def bulk_twin(
 ) -> Twin:
     """The twin of a finished `run`.
 
-    `begun` is the start on the performance counter [s], `course` holds particle numbers and other results of the run.
+    `course` holds particle numbers and other results of the run.
     """
     if "at_rest" in course:  # a bed or a heap
         why = "; ".join(spoilt({"warnings": run.warnings, **course}))
@@ -64,13 +70,20 @@ def bulk_twin(
         name,
         evaluation,
         settings_of(
-            rig, particle, contacts, threads=numerics.get("threads"), seed=seed, **course, statistics=run.statistics
+            rig,
+            particle,
+            contacts,
+            threads=computed.threads,
+            computed_by=computed.by,
+            seed=computed.seed,
+            **course,
+            statistics=run.statistics,
         ),
         profiles=profiles,
         series=series,
         assumptions=tuple(f"{about.replace('_', ' ')}: {what}" for about, what in run.assumptions.items()),
         warnings=tuple(run.warnings),
-        seconds=time.perf_counter() - begun,
+        seconds=time.perf_counter() - computed.begun,
         draw=draw,
     )
 

@@ -9,7 +9,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 from rigtwin.compare import curve_overlays
-from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin, filling_count, filling_mass, stated_filling
+from rigtwin.compare.twins.many_body import (
+    Cast,
+    Computed,
+    ManyBodyEntry,
+    bulk_twin,
+    filling_count,
+    filling_mass,
+    stated_filling,
+)
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
@@ -20,6 +28,7 @@ from rigtwin.lab.rigs import Packing, PackingSettings
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.quantity import Measurement
+    from rigtwin.sim.packing import Bed
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -67,12 +76,40 @@ def packing_twin(
         If the settings are not possible, or give no bed that can be evaluated.
     """
     from rigtwin.sim import packing
-    from rigtwin.sim.run.filling import arch_in_words
 
     begun = time.perf_counter()
     waits = stated(fill_limit=fill_limit, settle_limit=settle_limit)
     bed = packing.run(rig, *cast, count=count, seed=seed, pour_rate=pour_rate, progress=progress, **waits, **numerics)
+    return packing_result(rig, cast, bed, Computed(begun, seed, numerics.get("threads")))
+
+
+def packing_result(rig: Packing, cast: Cast, bed: Bed, computed: Computed) -> Twin:
+    """Evaluate a bed that was simulated.
+
+    Parameters
+    ----------
+    rig : Packing
+        The rig.
+    cast : Cast
+        Particle, wall and contacts.
+    bed : Bed
+        Result of the run.
+    computed : Computed
+        How it was computed.
+
+    Returns
+    -------
+    Twin
+        As `packing_twin` returns it.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be evaluated.
+    """
     from rigtwin.measure.packing import evaluate as ruler
+    from rigtwin.sim import packing
+    from rigtwin.sim.run.filling import arch_in_words
 
     try:
         evaluation = ruler.evaluate(
@@ -89,7 +126,7 @@ def packing_twin(
         if bed.stuck or bed.placed - bed.missed >= layer:
             raise
         raise BadInput(
-            f"a count of {count} makes no bed: one layer on the floor of a cylinder of "
+            f"a count of {bed.asked} makes no bed: one layer on the floor of a cylinder of "
             f"{rig.cylinder_diameter * 1e3:.3g} mm has about {layer} particles; give several times as many."
         ) from error
     course = {
@@ -103,7 +140,7 @@ def packing_twin(
         "seconds_per_particle": bed.seconds_per_particle,
     }
     shown = bed.profiles, (), lambda: packing.picture(rig, bed)
-    twin = bulk_twin("packing", rig, cast, bed, evaluation, begun, seed, numerics, course, *shown)
+    twin = bulk_twin("packing", rig, cast, bed, evaluation, computed, course, *shown)
     each = bed.seconds_per_particle
     if math.isnan(each):
         return replace(twin, cost="not known: the checkpoint was written by an earlier rigtwin")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 from rigtwin.compare import curve_overlays
-from rigtwin.compare.twins.many_body import Cast, ManyBodyEntry, bulk_twin
+from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
@@ -19,6 +19,7 @@ from rigtwin.lab.tracked.table import is_table
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.quantity import Measurement
+    from rigtwin.sim.pile.pile import Heap
     from rigtwin.sim.run.set_up import Numerics
 
 
@@ -82,12 +83,40 @@ def pile_twin(
         **stated(fill_limit=fill_limit, settle_limit=settle_limit),
         **numerics,
     )
+    return pile_result(rig, cast, heap, Computed(begun, seed, numerics.get("threads")))
+
+
+def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
+    """Evaluate a heap that was simulated.
+
+    Parameters
+    ----------
+    rig : Pile
+        The rig.
+    cast : Cast
+        Particle, wall and contacts.
+    heap : Heap
+        Result of the run.
+    computed : Computed
+        How it was computed.
+
+    Returns
+    -------
+    Twin
+        As `pile_twin` returns it.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be evaluated.
+    """
     from rigtwin.measure.pile import evaluate as ruler
+    from rigtwin.sim.pile import pile
 
     evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=cast.particle.diameter)
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     shown = heap.profiles, (), lambda: pile.picture(rig, heap)
-    return bulk_twin("pile", rig, cast, heap, evaluation, begun, seed, numerics, course, *shown)
+    return bulk_twin("pile", rig, cast, heap, evaluation, computed, course, *shown)
 
 
 PILE_COUNT = 1000

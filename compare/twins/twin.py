@@ -97,16 +97,29 @@ def stated(**settings: Any) -> dict[str, Any]:
 
 
 def settings_of(
-    rig: Rig, particle: Particle, contacts: dict[str, Contact], *, threads: int | None = None, **more: Any
+    rig: Rig,
+    particle: Particle,
+    contacts: dict[str, Contact],
+    *,
+    threads: int | None = None,
+    computed_by: str = "",
+    **more: Any,
 ) -> dict[str, Any]:
-    """Settings of a twin that has run, in SI units, with device and CPU threads (`threads` None: all)."""
-    from rigtwin.sim.engine import backend
+    """Settings of a twin that has run, in SI units, with device and CPU threads (`threads` None: all).
 
-    engine = backend.running()
+    `computed_by` names another program that computed it.
+    """
     return {
         "rig": asdict(rig),
         "particle": {**asdict(particle), "density": particle.effective_density},
         "contacts": {name: asdict(contact) for name, contact in contacts.items()},
-        "engine": {"device": engine.device, "threads": min(threads or engine.threads, engine.threads)},
+        "engine": {"computed_by": computed_by} if computed_by else _own_engine(threads),
         **more,
     }
+
+
+def _own_engine(threads: int | None) -> dict[str, Any]:
+    from rigtwin.sim.engine import backend
+
+    engine = backend.running()
+    return {"device": engine.device, "threads": min(threads or engine.threads, engine.threads)}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Unpack
+from typing import TYPE_CHECKING, Any, Protocol, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,10 @@ from rigtwin.sim.pile.pouring import pouring
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History
 from rigtwin.sim.run.set_up import Bench, Numerics
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
+    from rigtwin.sim.output.replay import Frame
 
 # a photo of a bowl only shows the part of the heap above the rim, so its angles differ from those counted here
 COUNTED_FROM = "counted from the base plate, also where a rim hides it from the side"
@@ -121,7 +125,7 @@ def run(
     """
     _check(rig, particle, count, settle_limit)
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
-    method = _method(rig, particle, count, pour_rate, fall_height, fill_limit)
+    method = method_of(rig, particle, count, pour_rate, fall_height, fill_limit)
     method.need_bearable(bench.fastest, falls_freely=bench.falls_freely)
     bulk = bench.bulk(method.shapes, method.domain, skin=filling.SKIN)
     course = Course(random=np.random.default_rng(seed))
@@ -132,7 +136,84 @@ def run(
         if course.settling_until is None or course.let_go is None:
             method.form(bulk, logbook, course, progress)
         at_rest = filling.settle(bulk, logbook, course, particle, settle_limit, progress)
-    beads, grains = bulk.beads(), bulk.grains()
+    grains = bulk.grains()
+    return _heap(
+        rig,
+        particle,
+        method,
+        course,
+        bulk.beads(),
+        grains,
+        asked=count,
+        at_rest=at_rest,
+        time=bulk.time,
+        statistics={**logbook.statistics(), "contacts_per_bead": 2 * bulk.contacts / max(len(grains.ident), 1)},
+        history=logbook.history,
+        assumptions={**method.assumptions, **bench.assumptions(), "heights_and_angles": COUNTED_FROM},
+        warnings=bench.warnings(bulk, logbook),
+    )
+
+
+def replayed(
+    rig: Pile,
+    particle: Particle,
+    frame: Frame,
+    *,
+    asked: int,
+    in_time: bool,
+    pour_rate: float | None = None,
+    fill_limit: float = 3.0,
+) -> Heap:
+    """The heap of a run that another program computed.
+
+    Parameters
+    ----------
+    rig : Pile
+        Variant and dimensions [m].
+    particle : Particle
+        The sphere.
+    frame : Frame
+        The spheres at the end.
+    asked : int
+        Number of particles that were poured.
+    in_time : bool
+        Whether a filling was at rest when it was released.
+    pour_rate : float, optional
+        Particles per second [1/s], as in `run`.
+    fill_limit : float
+        Longest wait [s] for the filling, as in `run`.
+
+    Returns
+    -------
+    Heap
+        The heap at the end, as `run` gives it.
+    """
+    method = method_of(rig, particle, asked, pour_rate, None, fill_limit)
+    course = Course(random=np.random.default_rng(0), placed=asked, in_time=in_time)
+    grains = frame.grains(particle)
+    return _heap(
+        rig, particle, method, course, frame.beads(particle), grains, asked=asked,
+        at_rest=filling.resting(grains, particle), time=frame.time, statistics={}, history=None,
+        assumptions={**method.assumptions, "heights_and_angles": COUNTED_FROM}, warnings=(),
+    )  # fmt: skip
+
+
+def _heap(
+    rig: Pile,
+    particle: Particle,
+    method: Method,
+    course: Course,
+    beads: Beads,
+    grains: Grains,
+    *,
+    asked: int,
+    at_rest: bool,
+    time: float,
+    statistics: dict[str, float],
+    history: History | None,
+    assumptions: dict[str, str],
+    warnings: tuple[str, ...],
+) -> Heap:
     stays = (np.hypot(*grains.position[:, :2].T) < rig.base_diameter / 2 + particle.radius) & (
         grains.position[:, 2] > 0
     )
@@ -147,14 +228,14 @@ def run(
         profiles=profiles,
         base_diameter=float(np.ptp(profiles[0].base)) if profiles[0].base else rig.base_diameter,
         at_rest=at_rest,
-        time=bulk.time,
-        asked=count,
+        time=time,
+        asked=asked,
         placed=course.placed,
         fallen=course.placed - int(stays.sum()),
-        statistics={**logbook.statistics(), "contacts_per_bead": 2 * bulk.contacts / max(len(grains.ident), 1)},
-        history=logbook.history,
-        assumptions={**method.assumptions, **bench.assumptions(), "heights_and_angles": COUNTED_FROM},
-        warnings=(*bench.warnings(bulk, logbook), *method.warnings(course, grains.position[stays]), *moved),
+        statistics=statistics,
+        history=history,
+        assumptions=assumptions,
+        warnings=(*warnings, *method.warnings(course, grains.position[stays]), *moved),
     )
 
 
@@ -174,9 +255,10 @@ class Method(Protocol):
     def warnings(self, course: Course, staying: Array) -> list[str]: ...
 
 
-def _method(
+def method_of(
     rig: Pile, particle: Particle, count: int, rate: float | None, fall_height: float | None, fill_limit: float
 ) -> Method:
+    """The way of `rig.variant` of making a heap; the other settings are those of `run`."""
     match rig.variant:
         case "piling":
             return piling(rig, particle, count, rate, fall_height)
@@ -215,7 +297,7 @@ def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) ->
 def check(rig: Pile, particle: Particle, *, count: int) -> None:
     """Raise `BadInput` where `run` would refuse these settings, without simulating."""
     _check(rig, particle, count, settle_limit=1.0)
-    _method(rig, particle, count, None, None, fill_limit=1.0)
+    method_of(rig, particle, count, None, None, fill_limit=1.0)
 
 
 def _check(rig: Pile, particle: Particle, count: int, settle_limit: float) -> None:

@@ -204,7 +204,7 @@ def rain(
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count and course.patience < PATIENCE:
         source, occupied = above()
-        due = min(count, math.ceil(source.rate * (bulk.time + LOOK))) - course.placed
+        due = due_at(source, bulk.time, count) - course.placed
         new = places(occupied, source, particle.diameter, due, course.random)
         turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
         bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn)
@@ -213,6 +213,11 @@ def rain(
         logbook.run(steps)
         logbook.look(course.kept())
         progress("pouring", course.placed, count)
+
+
+def due_at(source: Outlet, time: float, count: int) -> int:
+    """Number of the `count` particles that the outlet has poured at the end of the interval from `time` [s]."""
+    return min(count, math.ceil(source.rate * (time + LOOK)))
 
 
 def places(occupied: Array, source: Outlet, diameter: float, due: int, rng: np.random.Generator) -> Array:
@@ -240,10 +245,26 @@ def scatter(
 
     They are placed on the loosest lattice that fits, filled from below, with a random shift from each site.
     """
+    places, velocities = scattered(count, inside, box, particle, random)
+    bulk.add(places, velocities, turn=_turns(len(places), particle, random))
+
+
+def scattered(
+    count: int,
+    inside: Inside,
+    box: tuple[Array, Array],
+    particle: Particle,
+    random: np.random.Generator,
+    said: str = "count",
+) -> tuple[Array, Array]:
+    """Places [m] and velocities [m/s] of particles as `scatter` adds them, both of shape (count, 3).
+
+    `said` is the setting that determines `count`, for the error message.
+    """
     sites, shift = _sites(count, inside, box, particle)
     if len(sites) < count:
-        raise _too_many(count, particle, len(sites))
-    _place(bulk, sites[:count], shift, particle, random)
+        raise _too_many(count, particle, len(sites), said)
+    return _shaken(sites[:count], shift, random)
 
 
 def scatter_in_turns(
@@ -305,10 +326,19 @@ def _sites(
 
 
 def _place(bulk: Bulk, sites: Array, shift: float, particle: Particle, random: np.random.Generator) -> None:
+    places, velocities = _shaken(sites, shift, random)
+    bulk.add(places, velocities, turn=_turns(len(sites), particle, random))
+
+
+def _shaken(sites: Array, shift: float, random: np.random.Generator) -> tuple[Array, Array]:
+    """Places [m] near the sites, and velocities [m/s]."""
     places = sites + random.uniform(-shift, shift, sites.shape) / np.sqrt(3)
-    velocities = random.normal(0, THROWN, sites.shape)
-    turn = None if particle.shape is None else random.normal(size=(len(sites), 4))
-    bulk.add(places, velocities, turn=turn)
+    return places, random.normal(0, THROWN, sites.shape)
+
+
+def _turns(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
+    """Random orientations of clumps, quaternions of shape (count, 4)."""
+    return None if particle.shape is None else random.normal(size=(count, 4))
 
 
 def _too_many(count: int, particle: Particle, room: int, said: str = "count") -> BadInput:

@@ -144,7 +144,7 @@ def test_energy_closes_and_beads_hardly_overlap(cone, slot):
 def test_what_the_rig_leaves_open_is_in_the_result(slot):
     assert "60 mm (as given)" in slot.assumptions["width"]
     assert "assumed" in slot.assumptions["slide_angle"]
-    unsaid = hopper._plan(Hopper(0.02, "slot"), D6, 100).assumptions
+    unsaid = hopper.plan_of(Hopper(0.02, "slot"), D6, 100).assumptions
     assert "68 mm (not stated: assumed)" in unsaid["slot_length"]
 
 

@@ -1,7 +1,9 @@
-"""Export of the parameters of a simulation in the conventions of other DEM codes (EDEM, LIGGGHTS)."""
+"""Material cards: the parameters of a simulation in the conventions of other DEM codes (EDEM, LIGGGHTS), or as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -14,10 +16,11 @@ from rigtwin.lab.version import __version__
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling
 
-Code = Literal["edem", "liggghts"]
+Code = Literal["edem", "liggghts", "csv"]
 
 CODES = get_args(Code)
-ARM: dict[Code, Arm] = {"edem": "own radius", "liggghts": "effective radius"}  # EDEM: "standard rolling friction"
+# EDEM: "standard rolling friction"; CSV: as rigtwin itself
+ARM: dict[Code, Arm] = {"edem": "own radius", "liggghts": "effective radius", "csv": "own radius"}
 ROLLING: dict[Rolling, str] = {"type A": "cdt", "type A explicit": "cdt", "type C": "epsd2"}  # names in LIGGGHTS
 DIFFERS = {  # remaining difference of LIGGGHTS's model from ours, for the header of the file
     "cdt": "cdt acts against the spin relative to the neighbour, type A against each sphere's own",
@@ -44,8 +47,8 @@ class Export:
 
     @property
     def text(self) -> str:
-        """Text output: a LIGGGHTS input file, or a list for EDEM's dialogs."""
-        return _for_liggghts(self) if self.code == "liggghts" else _for_edem(self)
+        """Text output: a LIGGGHTS input file, a list for EDEM's dialogs, or a CSV table."""
+        return {"liggghts": _for_liggghts, "edem": _for_edem, "csv": _as_csv}[self.code](self)
 
     def to_json(self) -> dict[str, Any]:
         """All parameters as plain numbers and strings, SI units."""
@@ -59,7 +62,7 @@ class Export:
             "materials": [_moduli(self.particle.material), _moduli(self.wall)],
             "contacts": {"particle-particle": asdict(self.between), "particle-wall": asdict(self.at_wall)},
             "rolling_friction_arm": ARM[self.code],
-            "rolling_model": "standard" if self.code == "edem" else ROLLING[self.rolling],
+            "rolling_model": {"edem": "standard", "csv": self.rolling}.get(self.code) or ROLLING[self.rolling],
             "stiffness_factor": self.stiffness_factor,
             "time_step_s": self.time_step,
             "warnings": list(self.warnings),
@@ -76,12 +79,13 @@ def export(
     rolling: Rolling = "type C",
     stiffness_factor: float = 1e-3,
     time_step_fraction: float = 0.3,
+    forced: bool = False,
 ) -> Export:
     """Convert the parameters of a simulation to the conventions of another DEM code.
 
     Parameters
     ----------
-    code : {"edem", "liggghts"}
+    code : {"edem", "liggghts", "csv"}
         Target code.
     particle : Particle
         A sphere.
@@ -95,6 +99,8 @@ def export(
         Factor of Young's moduli [1].
     time_step_fraction : float
         Time step over Rayleigh's time step [1].
+    forced : bool
+        Accept even an unstable time step.
 
     Returns
     -------
@@ -128,7 +134,7 @@ def export(
     if particle.shape is not None:
         raise BadInput(f"{particle.name}: is a clump of spheres; only single spheres are exported.")
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
-    step, warnings = time_step([soft], time_step_fraction)
+    step, warnings = time_step([soft], time_step_fraction, forced=forced)
     return Export(
         code,
         soft,
@@ -146,12 +152,12 @@ def export(
 def _converted(contact: Contact, code: Code, radius: float, other: float) -> Contact:
     """Contact of spheres of these radii [m] in the conventions of `code`."""
     rolls = rolling_friction(contact.rolling_friction, radius, other, arm=ARM[code])
-    if code == "edem":
+    if code != "liggghts":
         return replace(contact, rolling_friction=rolls)
-    return replace(contact, rolling_friction=rolls, restitution=_of_usual_damping(contact.restitution))
+    return replace(contact, rolling_friction=rolls, restitution=of_usual_damping(contact.restitution))
 
 
-def _of_usual_damping(restitution: float) -> float:
+def of_usual_damping(restitution: float) -> float:
     """Input value for a code that damps by psi = -ln e / sqrt(pi^2 + ln^2 e) and allows no attraction in a contact."""
     from rigtwin.sim.engine.contact import damping_ratio
 
@@ -247,3 +253,34 @@ def _for_edem(made: Export) -> str:
         *made.warnings,
     ]
     return "\n".join(lines) + "\n"
+
+
+def _as_csv(made: Export) -> str:
+    """A row for each material and each contact; cells that do not apply are empty."""
+    names = (
+        "kind", "name", "diameter_m", "density_kg_per_m3", "youngs_modulus_pa", "shear_modulus_pa", "poisson_ratio",
+        "restitution", "static_friction", "rolling_friction", "rolling_model", "rolling_friction_arm",
+        "stiffness_factor", "time_step_s",
+    )  # fmt: skip
+    bead, wall = made.particle, made.wall
+
+    def solid(kind: str, name: str, material: Material, density: float, diameter: str) -> list[str]:
+        values = (density, material.youngs_modulus, material.shear_modulus, material.poisson_ratio)
+        rest = ["", "", "", "", "", f"{made.stiffness_factor:.10g}", f"{made.time_step:.10g}" if diameter else ""]
+        return [kind, name, diameter, *(f"{value:.10g}" for value in values), *rest]
+
+    def pair(name: str, contact: Contact) -> list[str]:
+        values = (contact.restitution, contact.static_friction, contact.rolling_friction)
+        said = [*(f"{value:.10g}" for value in values), made.rolling, ARM[made.code]]
+        return ["contact", name, "", "", "", "", "", *said, "", ""]
+
+    rows = [
+        names,
+        solid("particle", bead.name, bead.material, bead.effective_density, f"{bead.diameter:.10g}"),
+        solid("wall", wall.name, wall, wall.density, ""),
+        pair(f"{bead.name}-{bead.name}", made.between),
+        pair(f"{bead.name}-{wall.name}", made.at_wall),
+    ]
+    table = io.StringIO()
+    csv.writer(table, lineterminator="\n").writerows(rows)
+    return table.getvalue()

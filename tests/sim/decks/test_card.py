@@ -12,8 +12,8 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rolling_conventions import rolling_friction
+from rigtwin.sim.decks.card import export
 from rigtwin.sim.engine.contact import damping_ratio
-from rigtwin.sim.export import export
 
 D6, STEEL = hlosta2020.particle("D6"), hlosta2020.material("steel")
 AMONG, ON_STEEL = Contact(0.75, 0.44, 0.08), Contact(0.42, 0.36, 0.06)

@@ -1,0 +1,211 @@
+"""A deck: the files with which another code computes a twin, and their description."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+from rigtwin.lab.version import __version__
+from rigtwin.sim.decks.scene import BulkRig, Scene, scene_of
+from rigtwin.sim.engine.time_step import USUAL, positive, time_step
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.contact import PairLaw, Rolling
+    from rigtwin.sim.engine.walls.shapes import Shape
+
+Code = Literal["liggghts", "lammps", "yade"]
+CODES = get_args(Code)
+TITLES: dict[Code, str] = {"liggghts": "LIGGGHTS", "lammps": "LAMMPS", "yade": "Yade"}
+RIGS: dict[str, type[BulkRig]] = {"packing": Packing, "pile": Pile, "drum": Drum, "hopper": Hopper}
+DESCRIPTION, RECORD, END = "deck.json", "record.dump", "end.dump"
+SECTORS = 96  # of a round wall of triangles: at 50 mm radius they deviate from it by 0.03 mm
+LOAD = 10  # [weights of a bead], at which a constant rolling stiffness equals type C's, as deep in a small bed
+
+
+@dataclass(frozen=True)
+class Deck:
+    """A twin for another code, in rigtwin's conventions and SI units."""
+
+    code: Code
+    rig: BulkRig
+    particle: Particle
+    wall: Material
+    contact: Contact  # among the beads
+    wall_contact: Contact
+    count: int | None  # None: a drum that is filled as its rig says
+    seed: int
+    rolling: Rolling = "type C"
+    stiffness_factor: float = 1e-3
+    time_step_fraction: float = USUAL
+    forced: bool = False
+    options: Mapping[str, float] | None = None  # of the run, as `rigtwin.sim.<rig>.run` takes them
+
+    def __post_init__(self) -> None:
+        if self.code not in CODES:
+            raise BadInput(f"code: {self.code!r} is unknown; use {', '.join(map(repr, CODES))}.")
+        if self.particle.shape is not None:
+            raise BadInput(f"{self.particle.name}: is a clump of spheres; decks are written for single spheres only.")
+        positive(stiffness_factor=self.stiffness_factor)
+        if self.stiffness_factor > 1:
+            raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} is above 1; give at most 1.")
+
+    @cached_property
+    def soft(self) -> Particle:
+        """The bead with the moduli that are simulated."""
+        return replace(self.particle, material=self.particle.material.softened(self.stiffness_factor))
+
+    @cached_property
+    def soft_wall(self) -> Material:
+        """The material of the walls with the moduli that are simulated."""
+        return self.wall.softened(self.stiffness_factor)
+
+    @property
+    def time_step(self) -> float:
+        """[s]"""
+        return time_step([self.soft], self.time_step_fraction, forced=self.forced)[0]
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Walls, start positions and stages."""
+        from rigtwin.sim.engine.bulk.bulk import STEP_IN_RADII
+
+        fastest = STEP_IN_RADII * self.particle.radius / self.time_step
+        options = dict(self.options or {})
+        return scene_of(self.rig, self.particle, count=self.count, seed=self.seed, fastest=fastest, **options)
+
+    @property
+    def laws(self) -> tuple[PairLaw, PairLaw]:
+        """Constants of the contact law among the beads, and at the walls."""
+        from rigtwin.sim.engine.contact import pair_law
+
+        bead = self.soft.material
+        return pair_law(bead, bead, self.contact), pair_law(bead, self.soft_wall, self.wall_contact)
+
+    def steps(self, duration: float) -> int:
+        """Number of time steps in `duration` [s], at least one."""
+        return max(1, round(duration / self.time_step))
+
+    @property
+    def rig_name(self) -> str:
+        """One of `RIGS`."""
+        return next(name for name, kind in RIGS.items() if isinstance(self.rig, kind))
+
+    @property
+    def command(self) -> str:
+        """Command line that runs the deck in its folder."""
+        return str(_writer(self.code).COMMAND)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the deck does otherwise than rigtwin's own twin, and warnings about its settings."""
+        step = time_step([self.soft], self.time_step_fraction, forced=self.forced)[1]
+        return (*self.scene.warnings, *step, *_writer(self.code).differences(self))
+
+    def files(self) -> dict[str, str]:
+        """Content of the deck's files by name, the description included."""
+        named: dict[str, str] = _writer(self.code).files(self)
+        return {DESCRIPTION: json.dumps(self.to_json(), indent=1) + "\n", **named}
+
+    def to_json(self) -> dict[str, Any]:
+        """Content of deck.json, from which `from_json` builds the deck again."""
+        return {
+            "rigtwin": __version__,
+            "code": self.code,
+            "command": self.command,
+            "rig": {"name": self.rig_name, **asdict(self.scene.rig)},
+            "particle": {**asdict(self.particle), "density": self.particle.effective_density},
+            "wall": asdict(self.wall),
+            "contacts": {"particle-particle": asdict(self.contact), "particle-wall": asdict(self.wall_contact)},
+            "conventions": "rolling friction: torque of at most mu_r Fn R on each bead; SI units, angles in radians",
+            "count": self.scene.count,
+            "seed": self.seed,
+            "rolling": self.rolling,
+            "stiffness_factor": self.stiffness_factor,
+            "time_step_fraction": self.time_step_fraction,
+            "forced": self.forced,
+            "time_step_s": self.time_step,
+            "options": dict(self.options or {}),
+            "dump": {"record": RECORD if self.scene.records else None, "end": END, "columns": "id x y z vx vy vz"},
+            "in_the_code": _writer(self.code).converted(self),
+            "warnings": list(self.warnings),
+        }
+
+
+def read_deck(folder: Path) -> Deck:
+    """The deck in a folder that `rigtwin export` wrote; raises `BadInput` where there is none."""
+    path = folder / DESCRIPTION
+    try:
+        said = json.loads(path.read_text(encoding="utf-8"))
+        rig = {name: value for name, value in said["rig"].items() if name != "name"}
+        bead = dict(said["particle"])
+        bead["material"] = Material(**bead["material"])
+        return Deck(
+            code=said["code"],
+            rig=RIGS[said["rig"]["name"]](**rig),
+            particle=Particle(**bead),
+            wall=Material(**said["wall"]),
+            contact=Contact(**said["contacts"]["particle-particle"]),
+            wall_contact=Contact(**said["contacts"]["particle-wall"]),
+            **{each.name: said[each.name] for each in fields(Deck) if each.name in said and each.name not in _APART},
+        )
+    except FileNotFoundError:
+        raise BadInput(f"{folder}: there is no {DESCRIPTION}; name a folder that `rigtwin export` wrote.") from None
+    except (OSError, ValueError, LookupError, TypeError) as error:
+        raise BadInput(f"{path}: is damaged ({type(error).__name__}: {error}); export the deck again.") from error
+
+
+_APART = ("code", "rig", "particle", "wall")
+
+
+def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
+    """Stiffness S_t R^2 [N m/rad] of type C's rolling spring under `LOAD`; `radius` [m] is the effective one."""
+    from rigtwin.lab.rigs import GRAVITY
+
+    force = LOAD * deck.particle.mass * GRAVITY
+    overlap = (force / (4 / 3 * law.effective_modulus * math.sqrt(radius))) ** (2 / 3)
+    return 8 * law.effective_shear * math.sqrt(radius * overlap) * deck.particle.radius**2
+
+
+def triangles(shape: Shape) -> Array:
+    """Triangles [m] of a wall, shape (n, 3 corners, 3).
+
+    A circle becomes a polygon of equal area.  A disc is cut into strips and not into sectors: a bead on its middle
+    would touch all of these at once.
+    """
+    from rigtwin.sim.engine.walls import elements
+
+    rows = shape.rows
+    if rows[0, elements.KIND] == elements.TRIANGLE:
+        return np.asarray(rows[:, elements.POINT :].reshape(-1, 3, 3))
+    point, axis = rows[0, elements.POINT : elements.AXIS], rows[0, elements.AXIS : elements.LOW_RADIUS]
+    radius, far_radius, height = rows[0, elements.LOW_RADIUS :]
+    one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    one /= np.linalg.norm(one)
+    other = np.cross(axis, one)
+    angle = np.arange(SECTORS)[:, None] * 2 * math.pi / SECTORS
+    circle = math.sqrt(2 * math.pi / SECTORS / math.sin(2 * math.pi / SECTORS)) * (
+        np.cos(angle) * one + np.sin(angle) * other
+    )
+    low, high = point + radius * circle, point + height * axis + far_radius * circle
+    if height == 0 and radius == 0:
+        order = [k // 2 if k % 2 == 0 else SECTORS - 1 - k // 2 for k in range(SECTORS)]
+        return np.stack([high[order[:-2]], high[order[1:-1]], high[order[2:]]], axis=1)
+    low_next, high_next = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
+    return np.concatenate([np.stack([low, low_next, high], 1), np.stack([low_next, high_next, high], 1)])
+
+
+def _writer(code: Code) -> Any:
+    """Module that writes the files of a code."""
+    return import_module(f"rigtwin.sim.decks.{code}")

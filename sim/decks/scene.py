@@ -1,0 +1,294 @@
+"""What happens in a rig, in a form that every code can follow: walls, start positions and stages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Particle
+from rigtwin.lab.rigs import GRAVITY, Drum, Hopper, Packing, Pile
+from rigtwin.sim import drum, hopper, packing
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.engine.walls.shapes import Shape
+from rigtwin.sim.pile import pile
+from rigtwin.sim.pile.emptying import Emptying
+from rigtwin.sim.pile.piling import Piling
+from rigtwin.sim.run import filling
+from rigtwin.sim.run.filling import AT_REST, LOOK, SETTLED, Stillness
+
+BulkRig = Packing | Pile | Drum | Hopper
+
+STEEPEST_HEAP = math.radians(35)  # of an expected heap, which a funnel that stands must stay above
+NOTHING = np.zeros((0, 3))
+
+
+@dataclass(frozen=True)
+class Pour:
+    """Beads are inserted at the beginning of each interval of `LOOK`."""
+
+    speed: float  # [m/s], downwards
+    batches: tuple[Array, ...]  # [m], each of shape (n, 3)
+
+
+@dataclass(frozen=True)
+class Settle:
+    """Wait until the beads rest, with a check every `LOOK`."""
+
+    limit: float  # [s]
+    still: Stillness
+
+
+@dataclass(frozen=True)
+class Open:
+    """Remove a wall."""
+
+    wall: str
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Turn all walls about the y axis and record the beads at regular intervals, at the start too."""
+
+    spin: float  # [rad/s], right-handed about y
+    duration: float  # [s]
+    interval: float  # [s]
+
+
+@dataclass(frozen=True)
+class Drain:
+    """Record the beads at regular intervals, at the start too, until none is above z = 0."""
+
+    limit: float  # [s]
+    interval: float  # [s]
+
+
+Stage = Pour | Settle | Open | Turn | Drain
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A rig with its beads; x and y from its axis, z up (drum: y along the axis)."""
+
+    rig: BulkRig
+    walls: Mapping[str, Shape]
+    places: Array  # [m], shape (n, 3), of the beads that are there at the start
+    velocities: Array  # [m/s], shape (n, 3)
+    stages: tuple[Stage, ...]
+    low: Array  # [m], shape (3,), corner of the room in which beads are computed; those outside are lost
+    high: Array  # [m], shape (3,)
+    inside: Array  # [m], shape (3,), a point on the beads' side of all walls
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of beads, those that are poured later included."""
+        poured = sum(len(batch) for stage in self.stages if isinstance(stage, Pour) for batch in stage.batches)
+        return len(self.places) + poured
+
+    @property
+    def records(self) -> bool:
+        """Whether a stage records the beads over time."""
+        return any(isinstance(stage, (Turn, Drain)) for stage in self.stages)
+
+
+def scene_of(
+    rig: BulkRig, particle: Particle, *, count: int | None, seed: int, fastest: float, **options: Any
+) -> Scene:
+    """The scene of a rig, with the start positions that rigtwin's own twin has with the same seed.
+
+    Parameters
+    ----------
+    rig : Packing, Pile, Drum or Hopper
+        The rig.
+    particle : Particle
+        A sphere.
+    count : int or None
+        Number of beads; None only for a drum, which is then filled as its rig says.
+    seed : int
+        Seed of the start positions.
+    fastest : float
+        Largest speed [m/s] of a bead that the time step allows.
+    **options : float
+        Settings of the run as `rigtwin.sim.<rig>.run` takes them; None counts as not given.
+
+    Returns
+    -------
+    Scene
+        Walls, start positions and stages.
+
+    Raises
+    ------
+    BadInput
+        If the settings cannot be simulated, or no deck can follow them.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    random = np.random.default_rng(seed)
+    if isinstance(rig, Drum):
+        return _drum(rig, particle, count, random, **given)
+    assert count is not None
+    if isinstance(rig, Packing):
+        return _packing(rig, particle, count, random, fastest, **given)
+    if isinstance(rig, Pile):
+        return _pile(rig, particle, count, random, fastest, **given)
+    return _hopper(rig, particle, count, random, **given)
+
+
+def _packing(
+    rig: Packing,
+    particle: Particle,
+    count: int,
+    random: np.random.Generator,
+    fastest: float,
+    *,
+    pour_rate: float | None = None,
+    fill_limit: float = 3.0,
+    settle_limit: float = 4.0,
+) -> Scene:
+    packing.check(rig, particle, count=count, settle_limit=settle_limit, pour_rate=pour_rate)
+    source = packing.outlet_of(rig, particle, pour_rate)
+    walls: dict[str, Shape] = dict(zip(("floor", "cylinder"), packing.walls_of(rig), strict=True))
+    places, velocities = NOTHING, NOTHING
+    stages: tuple[Stage, ...]
+    if rig.hopper_diameter is None:
+        filling.need_bearable(source, fastest)
+        filling.need_bearable_fall("cylinder_height", source.height, source.speed, fastest)
+        low, high = packing.domain_of(rig, particle, source, None)
+        stages = (_poured(source, particle, count, random), Settle(settle_limit, AT_REST))
+    else:
+        above = packing.Hopper(rig.hopper_diameter, source, particle, count)
+        walls |= dict(zip(("slide", "cone", "bin"), above.shapes, strict=True))
+        wide = above.diameter / 2
+        box = np.array([-wide, -wide, source.height]), np.array([wide, wide, above.top])
+        funnel = filling.in_funnel(source.diameter, above.diameter, above.cone_height, source.height)
+        places, velocities = filling.scattered(count, funnel, box, particle, random)
+        low, high = packing.domain_of(rig, particle, source, above)
+        flows = _longest_flow(particle, source.diameter, count)
+        stages = (Settle(fill_limit, SETTLED), Open("slide"), Settle(flows + settle_limit, AT_REST))
+    middle = np.array([0.0, 0.0, rig.cylinder_height / 2])
+    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle)
+
+
+def _pile(
+    rig: Pile,
+    particle: Particle,
+    count: int,
+    random: np.random.Generator,
+    fastest: float,
+    *,
+    pour_rate: float | None = None,
+    fall_height: float | None = None,
+    fill_limit: float = 3.0,
+    settle_limit: float = 4.0,
+) -> Scene:
+    said: tuple[str, ...] = ()
+    if rig.variant == "pouring":
+        raise BadInput("method: decks hold no tube that is lifted; export a pile by piling or emptying.")
+    if rig.variant == "piling" and rig.outlet_height is None:
+        # steps of a tenth of a millimetre, so that the option can repeat the value
+        fall = 3 * particle.diameter if fall_height is None else fall_height
+        expected = rig.rim_height + rig.base_diameter / 2 * math.tan(STEEPEST_HEAP) + particle.diameter + fall
+        height = math.ceil(expected * 1e4) / 1e4
+        rig = replace(rig, outlet_height=height)
+        said = (
+            f"the funnel stands {height * 1e3:.4g} mm above the base, as a deck has no funnel that rises with the "
+            f"heap; rigtwin's own twin of this rig takes --outlet-height {height * 1e3:.4g}mm",
+        )
+    pile.check(rig, particle, count=count)
+    positive(settle_limit=settle_limit)
+    method = pile.method_of(rig, particle, count, pour_rate, None, fill_limit)
+    method.need_bearable(fastest, falls_freely=True)
+    low, high = (np.array(corner) for corner in method.domain)
+    inside = np.array([0.0, 0.0, particle.diameter])
+    if isinstance(method, Emptying):
+        walls = dict(zip(("lid", "base", "container"), method.shapes, strict=True))
+        half = rig.base_diameter / 2
+        box = np.array([-half, -half, 0.0]), np.array([half, half, method.height])
+        at, moving = filling.scattered(count, filling.in_tube(2 * half), box, particle, random)
+        stages: tuple[Stage, ...] = (Settle(fill_limit, SETTLED), Open("lid"), Settle(settle_limit, AT_REST))
+        return Scene(rig, walls, at, moving, stages, low, high, inside, said)
+    assert isinstance(method, Piling)
+    walls = dict(zip(("base", "rim"), method.shapes, strict=False))
+    stages = (_poured(method.outlet, particle, count, random), Settle(settle_limit, AT_REST))
+    return Scene(rig, walls, NOTHING, NOTHING, stages, low, high, inside, said)
+
+
+def _drum(
+    rig: Drum,
+    particle: Particle,
+    count: int | None,
+    random: np.random.Generator,
+    *,
+    turns: float = 1.0,
+    interval: float = 0.1,
+    fill_limit: float = 2.0,
+) -> Scene:
+    drum.check(rig, particle, count=count)
+    positive(turns=turns, interval=interval, fill_limit=fill_limit)
+    depth, _ = drum.filled_in(rig)
+    said = "fill" if count is None else "count"
+    inside, box = drum.room(rig, depth)
+    places, velocities = filling.scattered(
+        drum.filled(rig, particle) if count is None else count, inside, box, particle, random, said
+    )
+    low, high = drum.domain(rig, depth, particle)
+    walls = dict(zip(("shell", "front", "back"), drum.shapes(rig, depth), strict=True))
+    turn = Turn(rig.speed, turns * 2 * math.pi / abs(rig.speed), interval)
+    stages = (Settle(fill_limit, SETTLED), turn)
+    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), np.zeros(3))
+
+
+def _hopper(
+    rig: Hopper,
+    particle: Particle,
+    count: int,
+    random: np.random.Generator,
+    *,
+    duration: float | None = None,
+    fill_limit: float = 3.0,
+    settle_limit: float = 4.0,
+) -> Scene:
+    hopper.check(rig, particle, count=count, duration=duration)
+    positive(fill_limit=fill_limit, settle_limit=settle_limit)
+    plan = hopper.plan_of(rig, particle, count)
+    places, velocities = filling.scattered(count, plan.inside, plan.filled, particle, random)
+    walls: dict[str, Shape] = {"lid": plan.shapes[hopper.LID]}
+    walls |= {f"wall{k}": shape for k, shape in enumerate(plan.shapes) if k != hopper.LID}
+    limit = _longest_flow(particle, rig.outlet, count) if duration is None else duration
+    stages: list[Stage] = [Settle(fill_limit, SETTLED), Open("lid"), Drain(limit, hopper.LOOK)]
+    if plan.floor:
+        stages.append(Settle(settle_limit, AT_REST))
+    inside = np.array([0.0, 0.0, particle.diameter])
+    return Scene(rig, walls, places, velocities, tuple(stages), plan.domain[0], plan.domain[1], inside)
+
+
+def _longest_flow(particle: Particle, outlet: float, count: int) -> float:
+    """Longest discharge [s], after which a hopper counts as blocked: four times Beverloo's, and two seconds."""
+    grain = particle.equivalent_diameter
+    return 2.0 + 4.0 * count / filling.beverloo(particle, max(outlet, 2.5 * grain), grain)
+
+
+def _poured(source: filling.Outlet, particle: Particle, count: int, random: np.random.Generator) -> Pour:
+    """Batches of beads that find room below the outlet, while earlier ones fall freely."""
+    batches: list[Array] = []
+    falling, speeds, placed = NOTHING, np.zeros(0), 0
+    patience = 0
+    while placed < count and patience < filling.PATIENCE:
+        due = filling.due_at(source, len(batches) * LOOK, count) - placed
+        new = filling.places(falling, source, particle.diameter, due, random)
+        batches.append(new)
+        placed += len(new)
+        patience = 0 if len(new) or due <= 0 else patience + 1
+        falling, speeds = np.vstack([falling, new]), np.append(speeds, np.full(len(new), source.speed))
+        falling = falling - np.column_stack([0 * speeds, 0 * speeds, speeds * LOOK + GRAVITY / 2 * LOOK**2])
+        speeds = speeds + GRAVITY * LOOK
+        near = falling[:, 2] > source.height - 2 * particle.diameter
+        falling, speeds = falling[near], speeds[near]
+    if placed < count:
+        raise BadInput(f"count: only {placed} of {count} beads find room below the outlet; give a wider outlet.")
+    return Pour(source.speed, tuple(batches))

@@ -1,0 +1,375 @@
+"""Decks for other codes: their texts, the reading of dumps, and runs of the codes where they are installed."""
+
+import json
+import math
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rigtwin.cli import run
+from rigtwin.compare.compare_lab import compare
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact
+from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+from rigtwin.sim.decks import lammps
+from rigtwin.sim.decks.deck import CODES, END, RECORD, Deck, read_deck, triangles
+from rigtwin.sim.decks.read import frames, record_of
+from rigtwin.sim.decks.scene import Pour
+from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
+from rigtwin.sim.run.filling import LOOK
+
+D6 = hlosta2020.particle("D6")
+WALLS = {"packing": "PMMA", "pile": "steel", "drum": "PMMA", "hopper": "PMMA"}
+RIGS = {
+    "packing": Packing(0.05, 0.1),
+    "pile": Pile(0.07, 0.008, outlet_height=0.06),
+    "drum": Drum(0.08, 1.0, 0.03),
+    "hopper": Hopper(0.03, diameter=0.06, cone_height=0.05),
+}
+BINARY = {"liggghts": "liggghts", "lammps": "lmp", "yade": "yade"}
+
+
+def deck(code, rig, count=60, **more):
+    wall = WALLS[rig]
+    contacts = hlosta2020.contact("D6", "D6"), hlosta2020.contact("D6", wall)
+    return Deck(code, RIGS[rig], D6, hlosta2020.material(wall), *contacts, count=count, seed=3, **more)
+
+
+def write(folder, made):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in made.files().items():
+        (folder / name).write_text(text)
+
+
+def dump(steps, positions, velocities=None):
+    """A dump in LAMMPS's format with the columns in another order than the decks ask for."""
+    text = ""
+    for step, places in zip(steps, positions, strict=True):
+        speeds = np.zeros_like(places) if velocities is None else velocities
+        rows = [
+            f"{' '.join(map(repr, v.tolist()))} {i} {' '.join(map(repr, p.tolist()))}"
+            for i, (p, v) in enumerate(zip(places, speeds, strict=True), 1)
+        ]
+        bounds = "ITEM: BOX BOUNDS ff ff ff\n0 1\n0 1\n0 1\n"
+        text += f"ITEM: TIMESTEP\n{step}\nITEM: NUMBER OF ATOMS\n{len(rows)}\n{bounds}"
+        text += "ITEM: ATOMS vx vy vz id x y z\n" + "".join(f"{row}\n" for row in reversed(rows))
+    return text
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("code", CODES)
+def test_a_deck_is_built_again_from_its_description(code, rig, tmp_path):
+    options = {"settle_limit": 2.0} if rig == "pile" else {}
+    made = deck(code, rig, rolling="type C", stiffness_factor=0.01, options=options)
+    write(tmp_path, made)
+    assert read_deck(tmp_path).files() == made.files()
+
+
+def test_poured_beads_do_not_overlap_as_they_are_inserted():
+    scene = deck("lammps", "packing", 200).scene
+    [pour] = [stage for stage in scene.stages if isinstance(stage, Pour)]
+    places, speeds = np.zeros((0, 3)), np.zeros(0)
+    for batch in pour.batches:  # free fall from the outlet, which stands above the cylinder
+        old = len(places)
+        places = np.vstack([places, batch])
+        speeds = np.append(speeds, np.full(len(batch), pour.speed))
+        apart = np.linalg.norm(places[:, None] - places[None, old:], axis=2)
+        assert apart[apart > 0].min(initial=1.0) > D6.diameter
+        places[:, 2] -= speeds * LOOK + 9.81 / 2 * LOOK**2
+        speeds += 9.81 * LOOK
+        kept = places[:, 2] > 0.05
+        places, speeds = places[kept], speeds[kept]
+    assert scene.count == 200
+
+
+def test_round_walls_of_triangles_have_the_area_of_the_circle():
+    corners = triangles(Disc((0, 0, 0), (0, 0, 1), 0.05))
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    assert areas.sum() == pytest.approx(math.pi * 0.05**2, rel=1e-9)
+    # a bead in the middle touches few of them
+    middle = np.linalg.norm(corners[:, :, :2], axis=2).min(axis=1)
+    assert (middle < 1e-6).sum() == 0
+    tube = triangles(Cylinder((0, -0.01, 0), (0, 1, 0), 0.05, 0.02)).reshape(-1, 3)
+    assert np.allclose(np.hypot(tube[:, 0], tube[:, 2]), 0.05, rtol=2e-3)
+    assert {round(y, 9) for y in tube[:, 1]} == {-0.01, 0.01}
+
+
+def test_rolling_friction_is_doubled_among_beads_where_the_effective_radius_counts():
+    made = deck("lammps", "pile")
+    text = made.files()["in.lammps"]
+    pair = next(line for line in text.splitlines() if line.startswith("pair_coeff"))
+    wall = next(line for line in text.splitlines() if line.startswith("fix wall_base"))
+    among = pair.split("sds ")[1].split()[2]
+    against = wall.split("sds ")[1].split()[2]
+    assert float(among) == pytest.approx(2 * made.contact.rolling_friction)
+    assert float(against) == pytest.approx(made.wall_contact.rolling_friction)
+
+
+def test_the_stiffnesses_for_lammps_are_those_of_hertz_and_mindlin():
+    made = deck("lammps", "pile")
+    bead = made.soft.material
+    among = made.to_json()["in_the_code"]["particle-particle"]
+    assert among["k_n"] == pytest.approx(2 / 3 * bead.youngs_modulus / (1 - bead.poisson_ratio**2))
+    assert among["k_t"] == pytest.approx(4 * bead.shear_modulus / (2 - bead.poisson_ratio))
+
+
+def test_what_no_deck_can_hold_is_refused():
+    with pytest.raises(BadInput, match="clump"):
+        replace(deck("yade", "pile"), particle=hlosta2020.particle("C6_8s-a"))
+    with pytest.raises(BadInput, match="tube that is lifted"):
+        replace(deck("liggghts", "pile"), rig=Pile(0.09, variant="pouring")).files()
+    with pytest.raises(BadInput, match="LAMMPS deck has no walls like"):
+        replace(deck("lammps", "hopper"), rig=Hopper(0.03, "slot")).files()
+    with pytest.raises(BadInput, match="damping tsuji"):
+        replace(deck("lammps", "pile"), contact=Contact(0.05, 0.4, 0.1)).files()
+
+
+def test_a_funnel_that_would_rise_stands_and_the_deck_says_where():
+    made = replace(deck("yade", "pile"), rig=Pile(0.07, 0.008))
+    assert made.scene.rig.outlet_height > 0.035
+    assert "--outlet-height" in made.warnings[0]
+
+
+def test_frames_are_read_in_the_order_of_the_beads(tmp_path):
+    places = np.random.default_rng(1).uniform(size=(2, 5, 3))
+    (tmp_path / END).write_text(dump([0, 100], places, np.arange(15.0).reshape(5, 3)))
+    early, late = frames(tmp_path / END, 1e-4)
+    assert (early.time, late.time) == (0, 0.01)
+    assert late.ident.tolist() == [0, 1, 2, 3, 4]
+    assert np.array_equal(late.position, places[1])
+    assert np.array_equal(late.velocity, np.arange(15.0).reshape(5, 3))
+
+
+def test_damaged_dumps_and_decks_that_did_not_run_are_refused(tmp_path):
+    made = deck("lammps", "packing")
+    write(tmp_path, made)
+    with pytest.raises(BadInput, match="has not run to its end"):
+        record_of(tmp_path, made)
+    whole = dump([0], np.zeros((1, 60, 3)))
+    for text, words in (
+        (whole[: len(whole) // 2], "not complete"),
+        ("nothing", "no frames"),
+        (whole.replace("vx vy vz id", "ux uy uz id"), "no columns"),
+        (dump([5, 0], np.zeros((2, 60, 3))), "backwards"),
+        (dump([0], np.zeros((1, 61, 3))), "other beads"),
+        (whole.replace("0.0", "nan", 1), "not finite"),
+    ):
+        (tmp_path / END).write_text(text)
+        with pytest.raises(BadInput, match=words):
+            record_of(tmp_path, made)
+    with pytest.raises(BadInput, match=r"there is no deck\.json"):
+        read_deck(tmp_path / "elsewhere")
+
+
+def bed(count=60):
+    """Beads at rest in layers in a cylinder of 50 mm, three bead diameters high."""
+    ring = [(0.0, 0.0)] + [(0.0125 * math.cos(a), 0.0125 * math.sin(a)) for a in np.arange(6) * math.pi / 3]
+    ring += [(0.021 * math.cos(a), 0.021 * math.sin(a)) for a in np.arange(13) * 2 * math.pi / 13]
+    return np.array([(x, y, D6.radius + k * D6.diameter) for k in range(3) for x, y in ring])[:count]
+
+
+def test_an_imported_bed_has_the_height_of_its_beads(tmp_path, capsys):
+    made = deck("lammps", "packing")
+    write(tmp_path, made)
+    (tmp_path / END).write_text(dump([1000], [bed()]))
+    assert run(["import", str(tmp_path), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    tops = [one["value"] for one in document["quantities"] if one["method"] == "outline" and one["unit"] == "m"]
+    assert tops[0] == pytest.approx(3 * D6.diameter, rel=0.05)
+    assert "LAMMPS, not by rigtwin" in document["assumptions"][0]
+    assert document["settings"]["engine"] == {"computed_by": "LAMMPS"}
+    assert (tmp_path / "twin" / "quantities.json").is_file()
+    assert (tmp_path / "twin" / "packing-twin-profile-1.csv").is_file()
+
+
+def test_an_imported_discharge_counts_the_beads_below_the_outlet(tmp_path):
+    made = deck("lammps", "hopper", 40)
+    write(tmp_path, made)
+    step, every = made.time_step, made.steps(0.01)
+    at = np.column_stack([np.zeros(40), np.zeros(40), np.linspace(0.005, 0.2, 40)])
+    speed = 0.5  # [m/s], of a column that moves down as one
+    looks = [at - [0, 0, speed * k * every * step] for k in range(60)]
+    (tmp_path / RECORD).write_text(dump([k * every for k in range(60)], looks, np.tile([0, 0, -speed], (40, 1))))
+    (tmp_path / END).write_text(dump([59 * every], looks[-1:]))
+    found = record_of(tmp_path, made)
+    assert found.emptied == 40
+    assert found.discharge_time == pytest.approx(0.2 / speed, abs=0.011)
+    assert found.mass_flow_rate == pytest.approx(39 / 0.195 * speed * D6.mass, rel=0.05)
+
+
+def test_an_imported_drum_shows_the_slope_of_its_bed(tmp_path):
+    made = deck("liggghts", "drum", 60, options={"turns": 0.5})
+    write(tmp_path, made)
+    x = np.linspace(-0.03, 0.03, 10)
+    slope = math.radians(30)
+    rows = [[(a, b, -0.004 * k - a * math.tan(slope) - 0.005) for a in x] for b in (-0.01, 0.01) for k in range(3)]
+    places = np.array(rows).reshape(-1, 3)
+    every = made.steps(0.1)
+    (tmp_path / RECORD).write_text(dump([k * every for k in range(20)], [places] * 20))
+    (tmp_path / END).write_text(dump([19 * every], [places]))
+    found = record_of(tmp_path, made)
+    seen = np.isfinite(found.steady.height) & (np.abs(found.steady.x) < 0.02)
+    fall = np.polyfit(found.steady.x[seen], found.steady.height[seen], 1)[0]
+    assert math.degrees(math.atan(fall)) == pytest.approx(-30, abs=1)
+    assert found.mixing.value[0] == pytest.approx(0, abs=1e-9)
+
+
+LAB = """
+[lab]
+title = "one bed"
+
+[materials]
+ash = {density = "720 kg/m^3", youngs_modulus = "11 GPa", poisson_ratio = 0.44}
+PMMA = {density = "1180 kg/m^3", youngs_modulus = "3.3 GPa", poisson_ratio = 0.35}
+
+[particles]
+D6 = {material = "ash", diameter = "6.2 mm", mass = "0.071 g"}
+
+[contacts]
+D6-PMMA = {restitution = 0.5, static_friction = 0.35, rolling_friction = 0.06}
+D6-D6 = {restitution = 0.75, static_friction = 0.44, rolling_friction = 0.08}
+"""
+
+
+def test_the_commands_print_how_a_deck_is_run_and_refuse_what_it_cannot_hold(tmp_path, capsys):
+    out = tmp_path / "deck"
+    options = ["--particle", "D6", "--count", "50", "--cylinder-diameter", "50mm", "--out", str(out)]
+    assert run(["export", "lammps", "packing", *options]) == 0
+    document = capsys.readouterr().out
+    assert f"cd {out} && lmp -in in.lammps" in document
+    assert "mpirun -np 2" in document
+    assert {"deck.json", "in.lammps", "pour.in"} <= {path.name for path in out.iterdir()}
+    assert run(["import", str(out)]) == 2
+    assert "has not run to its end" in capsys.readouterr().err
+    for more, words in (
+        (["--threads", "2"], "--threads"),
+        (["--contact-law", "linear"], "--contact-law"),
+        (["--particle", "C6"], "clump"),
+    ):
+        assert run(["export", "lammps", "packing", *options, *more]) == 2
+        assert words in capsys.readouterr().err
+    assert run(["export", "yade"]) == 2
+    assert "names no rig" in capsys.readouterr().err
+    assert run(["export", "csv"]) == 0
+    assert "diameter_m,density_kg_per_m3" in capsys.readouterr().out
+
+
+def test_compare_takes_a_deck_that_has_run_as_the_twin_and_refuses_another_rig(tmp_path):
+    lab = tmp_path / "lab"
+    lab.mkdir()
+    table = "x_m,height_m\n" + "".join(
+        f"{x:.4f},{0.018 + 0.0004 * math.sin(900 * x):.6f}\n" for x in np.linspace(-0.0249, 0.0249, 200)
+    )
+    (lab / "bed.csv").write_text(table)
+    (lab / "lab.toml").write_text(
+        '[[experiments]]\nid = "bed"\nrig = "packing"\nparticle = "D6"\nwall = "PMMA"\n'
+        'cylinder_diameter = "50 mm"\ncount = 60\nrepetitions = ["bed.csv"]\n' + LAB
+    )
+    good, other = tmp_path / "good", tmp_path / "other"
+    write(good, deck("lammps", "packing"))
+    (good / END).write_text(dump([1000], [bed()]))
+    write(other, replace(deck("lammps", "packing"), rig=Packing(0.06, 0.1)))
+    found = compare(lab, tmp_path / "out", simulated={"bed": good})
+    assert "the twin was computed by LAMMPS" in found.remarks[0]
+    assert "computed by LAMMPS" in (tmp_path / "out" / "report.html").read_text()
+    heights = [row.simulated for row in found.deviations if row.quantity == "bed_height"]
+    assert heights
+    with pytest.raises(BadInput, match=r"no twin of bed: its cylinder diameter is 0\.06"):
+        compare(lab, tmp_path / "more", simulated={"bed": other})
+    with pytest.raises(BadInput, match="no experiment 'heap'"):
+        compare(lab, tmp_path / "more", simulated={"heap": good})
+
+
+def installed(code):
+    return pytest.mark.skipif(shutil.which(BINARY[code]) is None, reason=f"{code} is not installed")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("code", [pytest.param(code, marks=installed(code)) for code in CODES])
+def test_the_codes_run_their_decks_to_the_end(code, rig, tmp_path):
+    made = deck(code, rig, 120, options={"turns": 0.2} if rig == "drum" else {})
+    write(tmp_path, made)
+    subprocess.run(made.command.split(), cwd=tmp_path, check=True, capture_output=True, timeout=600)
+    found = record_of(tmp_path, made)
+    match rig:
+        case "packing":
+            assert found.missed == 0
+            assert found.at_rest
+            assert 0.5 < found.packing_fraction < 0.75
+        case "pile":
+            assert found.at_rest
+            assert len(found.centres) + found.fallen == 120
+        case "hopper":
+            assert found.emptied == 120
+        case "drum":
+            assert len(found.centres) == 120
+            assert np.nanmax(np.hypot(found.centres[:, 0], found.centres[:, 2])) < 0.04
+
+
+@pytest.mark.slow
+@installed("lammps")
+@pytest.mark.parametrize("restitution", [0.4, 0.75, 0.95])
+def test_a_bead_bounces_in_lammps_with_the_restitution_that_was_given(restitution, tmp_path):
+    hits = Contact(restitution, 0.3, 0.05)
+    made = replace(deck("lammps", "pile"), wall_contact=hits, time_step_fraction=0.02)
+    against = lammps._model(lammps._coefficients(made)[1])
+    (tmp_path / "in.bounce").write_text(
+        "units si\natom_style sphere\nboundary f f f\nnewton off\ncomm_modify vel yes\n"
+        "region room block -0.1 0.1 -0.1 0.1 -0.02 0.2\ncreate_box 1 room\ncreate_atoms 1 single 0 0 0.0032\n"
+        f"set group all diameter {D6.diameter} density {D6.effective_density}\nvelocity all set 0 0 -0.5 units box\n"
+        f"neighbor 0.001 bin\npair_style granular\npair_coeff * * {against}\n"
+        "region plate cylinder z 0 0 0.05 -0.002 0 side out\n"
+        f"fix floor all wall/gran/region granular {against} region plate\nfix move all nve/sphere\n"
+        f"timestep {made.time_step}\ndump look all custom 1 look.txt id vz\nrun {round(0.004 / made.time_step)}\n"
+    )
+    subprocess.run(["lmp", "-in", "in.bounce"], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    looks = (tmp_path / "look.txt").read_text().split("ITEM: ATOMS id vz")[1:]
+    speeds = [float(look.split()[1]) for look in looks]
+    assert max(speeds) / 0.5 == pytest.approx(restitution, abs=0.02)
+
+
+BOUNCE = """
+import os
+R, dt = {radius!r}, {step!r}
+kinds = [O.materials.append(FrictMat(young={young!r}, poisson={poisson!r}, density={density!r})) for _ in range(2)]
+O.bodies.append(facet([(-1, -1, 0), (1, -1, 0), (0, 1, 0)], material=kinds[1], fixed=True))
+b = O.bodies.append(sphere((0, 0, 1.01 * R), R, material=kinds[0]))
+O.bodies[b].state.vel = (0, 0, -0.5)
+en = MatchMaker(matches=((kinds[0], kinds[0], {among!r}), (kinds[0], kinds[1], {against!r})))
+O.engines = [
+    ForceResetter(), InsertionSortCollider([Bo1_Sphere_Aabb(), Bo1_Facet_Aabb()]),
+    InteractionLoop([Ig2_Sphere_Sphere_ScGeom(), Ig2_Facet_Sphere_ScGeom()],
+        [Ip2_FrictMat_FrictMat_MindlinPhys(en=en)], [Law2_ScGeom_MindlinPhys_Mindlin()]),
+    NewtonIntegrator(damping=0)]
+O.dt = dt
+O.run(int(0.01 / dt), True)
+open("speed.txt", "w").write(str(O.bodies[b].state.vel[2]))
+os._exit(0)
+"""
+
+
+@pytest.mark.slow
+@installed("yade")
+@pytest.mark.parametrize("restitution", [0.4, 0.75])
+def test_a_bead_bounces_in_yade_with_the_restitution_that_was_given(restitution, tmp_path):
+    made = replace(deck("yade", "pile"), wall_contact=Contact(restitution, 0.3, 0.05), time_step_fraction=0.02)
+    bead = made.soft
+    among, against = made.to_json()["in_the_code"]["restitution"]
+    (tmp_path / "bounce.py").write_text(
+        BOUNCE.format(
+            radius=bead.radius,
+            step=made.time_step,
+            young=bead.material.youngs_modulus,
+            poisson=bead.material.poisson_ratio,
+            density=bead.effective_density,
+            among=among,
+            against=against,
+        )
+    )
+    subprocess.run(["yade", "-n", "-x", "bounce.py"], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    assert float((tmp_path / "speed.txt").read_text()) / 0.5 == pytest.approx(restitution, abs=0.01)
