@@ -20,6 +20,7 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
+from rigtwin.lab.input_files import LARGEST_NOTES, read_bytes, why_not_ordinary
 from rigtwin.lab.rigs import RIGS, SETTINGS, UPSIDE_DOWN, RigSettings
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
@@ -70,14 +71,14 @@ class Document:
 
 def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") -> Document:
     """Read a TOML file, `made_by` where it is not there.  Raises `BadLabFile` with the line of what is no TOML."""
+    if why_not_ordinary(path) == "no such file":
+        raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        advice = "check the path and its permissions"
+        content = read_bytes(path, advice=advice, largest=LARGEST_NOTES, refuse=BadLabFile)
+        text = content.decode("utf-8-sig")
         data = tomllib.loads(text)
         lines = key_lines(text)
-    except FileNotFoundError:
-        raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.") from None
-    except OSError as error:
-        raise BadLabFile(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from None
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise BadLabFile(f"{path}, line {line}: is not UTF-8 text; save the file as UTF-8.") from None

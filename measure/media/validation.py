@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.lab.input_files import why_not_ordinary
 
 SMALLEST = 5  # [px], minimum width and height
 
@@ -48,5 +49,7 @@ def must_exist(path: Path, kind: str) -> None:
         if kind == "video":
             return  # of numbered pictures
         raise UnreadableMedia(f"{path}: is a folder, not a {kind}; give the file itself.")
+    if why := why_not_ordinary(path):
+        raise UnreadableMedia(f"{path}: {why}; give the {kind} itself.")
     if path.stat().st_size == 0:
         raise UnreadableMedia(f"{path}: is empty (0 bytes); copy the {kind} again.")
