@@ -78,6 +78,7 @@ def measure(
     from tempfile import TemporaryDirectory
 
     from rigtwin.commands import measure as commands
+    from rigtwin.commands.output_folder import claimed
     from rigtwin.commands.run_command import media_of
     from rigtwin.lab.progress import silent
 
@@ -93,7 +94,8 @@ def measure(
         )
     work = _work(command, {positional: paths if many else paths[0]}, settings)
     if out is not None:
-        kept: Measurement = _run(work, out=Path(out), progress=progress or silent)
+        with claimed(Path(out)):
+            kept: Measurement = _run(work, out=Path(out), progress=progress or silent)
         return kept
     with TemporaryDirectory(prefix="rigtwin-") as folder:
         try:

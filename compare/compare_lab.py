@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -23,7 +23,7 @@ from rigtwin.compare import result_files
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
-from rigtwin.compare.measure_repetitions import Measured, measuring
+from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import need_possible
 from rigtwin.compare.twins.matched import (
     checkpoints,
@@ -37,6 +37,7 @@ from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import Model, read_model
 from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.materials import KnownContact, pair
+from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -122,17 +123,41 @@ def compare(
     _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor, rolling=rolling)
     for experiment in experiments:
         need_possible(lab, experiment, count=count)
+    settings = {"count": count, "threads": threads, "stiffness_factor": stiffness_factor, "rolling": rolling}
+    with result_files.claimed(out):
+        for place in folders(experiments):
+            remove_leftovers(out / place)
+        measured, twins, seconds = _measured_and_run(
+            lab, experiments, out, workers, settings, seed=seed, runs=runs, clock=clock, progress=progress
+        )
+        outcomes = tuple(
+            _outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments
+        )
+        comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
+        written = _written(comparison, out, clock, progress)
+        for experiment in experiments:
+            for kept in checkpoints(out / UNFINISHED, experiment):
+                kept.unlink(missing_ok=True)
+        with suppress(OSError):  # it holds other twins, or does not exist
+            (out / UNFINISHED).rmdir()
+    return written
+
+
+def _measured_and_run(
+    lab: Lab,
+    experiments: Sequence[Experiment],
+    out: Path,
+    workers: int | None,
+    settings: Mapping[str, Any],
+    *,
+    seed: int,
+    runs: int,
+    clock: float,
+    progress: Progress,
+) -> tuple[Mapping[str, Measured], dict[str, list[Twin]], dict[str, float]]:
+    """Measurements and twins by experiment, and the seconds that each took."""
     twins: dict[str, list[Twin]] = {}
-    run = partial(
-        twin_of,
-        model=lab.model,
-        count=count,
-        threads=threads,
-        stiffness_factor=stiffness_factor,
-        kept_in=out / UNFINISHED,
-        rolling=rolling,
-        progress=progress,
-    )
+    run = partial(twin_of, model=lab.model, kept_in=out / UNFINISHED, progress=progress, **settings)
     with _note_of_kept(out / UNFINISHED, experiments):
         with measuring(experiments, out, workers) as pending:
             for experiment in experiments:
@@ -147,16 +172,8 @@ def compare(
                 found = measured[experiment.id].measurements
                 twins[experiment.id] = [run(experiment, measurements=found)]
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
-    outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
     seconds["measuring, beside early twins"] = measured_after
-    comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
-    written = _written(comparison, out, clock, progress)
-    for experiment in experiments:
-        for kept in checkpoints(out / UNFINISHED, experiment):
-            kept.unlink(missing_ok=True)
-    with suppress(OSError):  # it holds other twins, or does not exist
-        (out / UNFINISHED).rmdir()
-    return written
+    return measured, twins, seconds
 
 
 @contextmanager

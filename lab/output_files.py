@@ -14,9 +14,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import Claimed
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Numbers of the errors of a full disk: no space, a quota, a file at the largest size that the system allows."""
@@ -27,6 +26,8 @@ _TEMPORARY = re.compile(r".+\.[0-9a-f]{8}\.part")
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a temporary file beside `path` that takes its name when the block ends without an error.
+
+    A block that removes the temporary file leaves `path` as it was.
 
     Parameters
     ----------
@@ -53,7 +54,8 @@ def replacing(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             yield part
-            part.replace(path)
+            if part.exists():
+                part.replace(path)
         finally:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
@@ -71,34 +73,59 @@ def naming(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def claimed(place: Path, refusal: str) -> Iterator[None]:
-    """Keep a folder, or the file of one run, from being written by two processes at once.
+def claimed_folder(folder: Path, refusal: str) -> Iterator[None]:
+    """Keep a folder of results from being written by two runs at once.
 
     Parameters
     ----------
-    place : Path
-        A folder, which is made; or a file, beside which ``NAME.lock`` stands meanwhile.
+    folder : Path
+        The folder; it is made, and removed again if nothing was written into it.
     refusal : str
-        The message where another process has it.
+        The message where another run writes there.
 
     Raises
     ------
-    BadInput
-        Another process writes there.
+    Claimed
+        Another run writes there.
 
     Notes
     -----
-    The lock is one of the operating system, which ends with the process: a killed run leaves no claim.  Where the
-    system has none (Windows, some network file systems), nothing is claimed.
+    The lock is one of the operating system, which ends with the process: a killed run leaves no claim, and the
+    temporary files that it left are removed.  Where the system has no such locks (Windows, some network file systems),
+    nothing is claimed.
     """
-    handle = _locked(place, refusal)
+    made = [above for above in (folder, *folder.parents) if not above.exists()]
+    with naming(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    handle = _locked(folder, os.O_RDONLY, refusal)
+    try:
+        if handle is not None:
+            remove_leftovers(folder)
+        yield
+    finally:
+        with suppress(OSError):  # something was written into it
+            for empty in made:
+                empty.rmdir()
+        if handle is not None:
+            os.close(handle)
+
+
+@contextmanager
+def claimed_file(file: Path, refusal: str) -> Iterator[None]:
+    """Keep a file that is written again and again from two runs at once; beside it stands ``NAME.lock`` meanwhile.
+
+    Parameters and errors are those of `claimed_folder`.
+    """
+    lock = file.with_name(f"{file.name}.lock")
+    with naming(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+    handle = _locked(lock, os.O_RDWR | os.O_CREAT, refusal)
     try:
         yield
     finally:
         if handle is not None:
-            if not place.is_dir():
-                with suppress(OSError):
-                    _lock_file(place).unlink()
+            with suppress(OSError):
+                lock.unlink()
             os.close(handle)
 
 
@@ -111,36 +138,29 @@ def remove_leftovers(folder: Path) -> None:
                     file.unlink()
 
 
-def _lock_file(place: Path) -> Path:
-    return place.with_name(f"{place.name}.lock")
-
-
-def _locked(place: Path, refusal: str) -> int | None:
+def _locked(lock: Path, mode: int, refusal: str) -> int | None:
     """An open handle that holds the lock, None where the system has no locks."""
     if sys.platform == "win32":
         return None
     import fcntl
 
-    is_folder = place.is_dir()
     while True:
-        with naming(place):
-            handle = os.open(place, os.O_RDONLY) if is_folder else os.open(_lock_file(place), os.O_RDWR | os.O_CREAT)
+        with naming(lock):
+            handle = os.open(lock, mode)
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             os.close(handle)
             if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                raise BadInput(refusal) from None
+                raise Claimed(refusal) from None
             return None
-        if is_folder or _same_file(handle, _lock_file(place)):
+        if _same_file(handle, lock):
             return handle
-        os.close(handle)  # its owner removed it in between: this is the lock of nothing
+        os.close(handle)  # its owner removed it in between: this is a lock of nothing
 
 
 def _same_file(handle: int, path: Path) -> bool:
     try:
-        there: Any = path.stat()
+        return os.path.samestat(os.fstat(handle), path.stat())
     except OSError:
         return False
-    mine = os.fstat(handle)
-    return bool((mine.st_dev, mine.st_ino) == (there.st_dev, there.st_ino))

@@ -58,15 +58,16 @@ def diagnose_folder(
     if only and not notebook:
         raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
     lab = tracked_lab(folder, only, progress) if notebook else read_tracked_lab(folder)
-    diagnosis = diagnose(lab, effects, progress)
-    model = model_of(diagnosis)
-    remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
-    contents = {
-        "diagnosis.json": result_files.document(diagnosis.to_json()),
-        "diagnosis.html": page(diagnosis),
-        "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
-    }
-    return diagnosis, result_files.write_together(out, contents)
+    with result_files.claimed(out):
+        diagnosis = diagnose(lab, effects, progress)
+        model = model_of(diagnosis)
+        remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
+        contents = {
+            "diagnosis.json": result_files.document(diagnosis.to_json()),
+            "diagnosis.html": page(diagnosis),
+            "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
+        }
+        return diagnosis, result_files.write_together(out, contents)
 
 
 def model_of(diagnosis: Diagnosis) -> Model:

@@ -19,6 +19,7 @@ from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.file.schema import Document, ExperimentEntry, LabFile, Problem, read_document, validated
 from rigtwin.lab.file.toml_lines import Key, dotted
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.rigs import RIGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
 
@@ -144,7 +145,8 @@ def new_lab(folder: Path) -> list[Path]:
     try:
         for rig in RIGS:
             (folder / rig).mkdir(parents=True, exist_ok=True)
-        path.write_text(template, encoding="utf-8")
+        with replacing(path) as part:
+            part.write_text(template, encoding="utf-8")
     except OSError as error:
         raise BadInput(f"{folder}: cannot be made a lab folder ({error.strerror}); name another folder.") from None
     return [path]

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.version import __version__
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.bulk import table_layout as at
@@ -121,15 +122,12 @@ class Checkpoint:
     def write(self, course: Mapping[str, Any], state: State, now: float) -> None:
         """Replace the file by this state at the simulated time `now` [s]; `course` is the rest, as JSON data."""
         words = json.dumps({"settings": self._settings, "course": course, "time_s": now})
-        part = self.path.with_name(self.path.name + ".part")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with part.open("wb") as file:
+            with replacing(self.path) as part, part.open("wb") as file:
                 arrays: dict[str, Any] = {f"state_{name}": array for name, array in state.items()}
                 np.savez(file, words=np.array(words), **arrays)
                 file.flush()
                 os.fsync(file.fileno())
-            part.replace(self.path)
         except OSError as trouble:
             raise BadInput(
                 f"The checkpoint {self.path} cannot be written ({trouble.strerror}); name another place."
