@@ -105,7 +105,7 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
         return FORMATS[path.suffix](path, kinds, domain, frames)
     except (OSError, RuntimeError, KeyError, EOFError) as trouble:
         part.with_name(part.name + ".cut").unlink(missing_ok=True)
-        if copied:  # a copy left behind would be taken for that of an interrupted run
+        if copied or not frames:  # what is left behind would be taken for that of an interrupted run
             part.unlink(missing_ok=True)
         broken = part if part.exists() else path
         raise BadInput(
