@@ -61,6 +61,7 @@ def compare(
     model: Path | None = None,
     stiffness_factor: float | None = None,
     rolling: Rolling | None = None,
+    allow_outside: bool = False,
 ) -> Comparison:
     """Compare a lab with its twins and write the results.
 
@@ -90,6 +91,8 @@ def compare(
         Factor on the moduli in twins of many particles.
     rolling : Rolling, optional
         Rolling resistance law of twins of many particles.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
 
     Returns
     -------
@@ -111,7 +114,7 @@ def compare(
     from there.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    lab = read_lab(lab_folder)
+    lab = read_lab(lab_folder, allow_outside=allow_outside)
     experiments = _chosen(lab, only)
     remarks = [*_stale(lab, experiments, out)]
     if model is not None:

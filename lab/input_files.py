@@ -99,3 +99,27 @@ def decoding(path: Path, what: str, advice: str, refuse: type[BadInput] = Unread
     except Exception as error:
         said = " ".join(str(error).split())[:80] or type(error).__name__
         raise refuse(f"{path}: cannot be decoded as {what} ({said}); {advice}.") from None
+
+
+def lies_outside(path: Path, folder: Path) -> bool:
+    """Whether a file, links followed, lies outside a folder; of a folder of pictures, whether one of them does."""
+    inside = folder.resolve()
+    try:
+        parts = [path, *path.iterdir()] if path.is_dir() else [path]
+        return not all(part.resolve().is_relative_to(inside) for part in parts)
+    except (OSError, RuntimeError, ValueError):  # a circle of links, a name that no file can have
+        return True
+
+
+@contextmanager
+def unquoted(path: Path, *, outside: bool) -> Iterator[None]:
+    """Let refusals of a file outside the lab's folder quote nothing of it."""
+    try:
+        yield
+    except BadInput:
+        if not outside:
+            raise
+        raise BadInput(
+            f"{path}: cannot be used, and lies outside the lab's folder, so nothing of it is quoted here; "
+            "give it to `rigtwin measure` to see why."
+        ) from None

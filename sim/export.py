@@ -128,7 +128,7 @@ def export(
     if particle.shape is not None:
         raise BadInput(f"{particle.name}: is a clump of spheres; only single spheres are exported.")
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
-    step, warnings = time_step([soft], time_step_fraction)
+    step, warnings = time_step([soft], time_step_fraction, restitution=min(between.restitution, at_wall.restitution))
     return Export(
         code,
         soft,

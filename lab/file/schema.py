@@ -20,7 +20,7 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
-from rigtwin.lab.input_files import LARGEST_NOTES, read_bytes, why_not_ordinary
+from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
 from rigtwin.lab.rigs import RIGS, SETTINGS, UPSIDE_DOWN, RigSettings
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
@@ -94,8 +94,9 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     reason = re.sub(r"\s*\(at .*\)$", "", said)
     reason = reason.replace("Cannot overwrite a value", "the key or table stands there twice")
     written = text.split("\n")[line - 1].strip()[:60]
+    quoted = "" if lies_outside(path, path.parent) else f" in {written!r}"  # a link would show a file elsewhere
     return (
-        f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}) in {written!r}; "
+        f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}){quoted}; "
         'write key = "text" or key = number, one per line.'
     )
 

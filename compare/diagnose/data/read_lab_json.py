@@ -26,7 +26,8 @@ from rigtwin.compare.diagnose.data.tracked_lab import (
 )
 from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadLabFile
-from rigtwin.lab.input_files import LARGEST_NOTES, read_bytes, why_not_ordinary
+from rigtwin.lab.file.lab_file import OUTSIDE
+from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, unquoted, why_not_ordinary
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
@@ -75,8 +76,11 @@ PLACEHOLDER = re.compile(r"(?:[^%]|%%)*%(?:0?[1-9])?d(?:[^%]|%%)*", re.DOTALL)  
 LARGEST = 1e300  # largest accepted magnitude of any number, near the limit of a float
 
 
-def read_tracked_lab(path: Path) -> TrackedLab:
-    """Read the lab.json of a folder, or at this path, and its track files.  Raises `BadLabFile`."""
+def read_tracked_lab(path: Path, *, allow_outside: bool = False) -> TrackedLab:
+    """Read the lab.json of a folder, or at this path, and its track files.  Raises `BadLabFile`.
+
+    With `allow_outside` track files may lie outside the folder of the lab.json.
+    """
     file = path / "lab.json" if path.is_dir() else path
     document = _document(file)
     rig = _text(document, "rig", file)
@@ -88,7 +92,9 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     gravity = _number({"gravity_m_s2": GRAVITY, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     geometry = document.get("rig_geometry", {})
-    conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
+    conditions = (
+        () if rig in BULK else tuple(_condition(document, raw, file, rig, allow_outside) for raw in raw_conditions)
+    )
     free = [one.name for one in conditions if not one.wall]
     if rig == "pendulum" and 0 < len(free) < len(conditions):
         striking = next(one.name for one in conditions if one.wall)
@@ -248,7 +254,7 @@ def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
     )
 
 
-def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> Condition:
+def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str, allow_outside: bool) -> Condition:
     if not isinstance(raw, dict):
         raise BadLabFile(f"{file}: conditions: each must be a table with a name.")
     name = _text(raw, "name", file)
@@ -279,7 +285,11 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
     files = []
     for number in range(1, count + 1):  # lazily: a mistyped count may be huge
         files.append(one := pattern % number)
-        repetition = read_tracks(file.parent / one)
+        outside = lies_outside(file.parent / one, file.parent)
+        if outside and not allow_outside:
+            raise BadLabFile(f"{file}: condition {name}: files: {file.parent / one} {OUTSIDE}")
+        with unquoted(file.parent / one, outside=outside):
+            repetition = read_tracks(file.parent / one)
         _check(repetition, file.parent / one, rig)
         tracks.append(on_the_bench(rig, repetition))
         bodies, others = ({track.body for track in each} for each in (tracks[-1], tracks[0]))

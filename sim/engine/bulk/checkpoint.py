@@ -154,10 +154,6 @@ class Checkpoint:
             settings, course, now = words["settings"], words["course"], float(words["time_s"])
         except (OSError, ValueError, LookupError, EOFError, TypeError, NotImplementedError, BadZipFile, RecursionError):
             raise BadInput(f"{self.path} is not a checkpoint of rigtwin, or is damaged; name another file.") from None
-        if digest and digest != _digest(written, state):
-            raise BadInput(
-                f"The checkpoint {self.path} does not hold what was written into it; delete it or name another file."
-            )
         if settings != self._settings:
             raise BadInput(
                 f"The checkpoint {self.path} belongs to another run ({_difference(settings, self._settings)}); "
@@ -165,6 +161,10 @@ class Checkpoint:
             )
         if not digest:
             raise BadInput(f"The checkpoint {self.path} was written by an earlier rigtwin; delete it or name another.")
+        if digest != _digest(written, state):
+            raise BadInput(
+                f"The checkpoint {self.path} does not hold what was written into it; delete it or name another file."
+            )
         self.kept_at = now
         return course, state
 
