@@ -20,7 +20,7 @@ from rigtwin.commands import labs, measure, simulate
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
 from rigtwin.commands.options import Json, Quiet, Runs, Seed, Stiffness, Threads, TimeStep, file_option, out_option
 from rigtwin.commands.run_command import Work, finished
-from rigtwin.lab.units import MOST_PARTICLES
+from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
 from rigtwin.lab.version import __version__
 
 app = typer.Typer(
@@ -168,7 +168,10 @@ def reproduce(
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
     rolling_model: simulate.RollingModel = "A",
     repetitions: Annotated[
-        int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell or point of a study.")
+        int | None,
+        typer.Option(
+            "--repetitions", min=1, max=MOST_RUNS, help="Runs with different seeds per cell or point of a study."
+        ),
     ] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Runs at a time; one per core.")] = None,
     seed: Seed = 1,

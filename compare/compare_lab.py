@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -160,7 +160,9 @@ def _measured_and_run(
 ) -> tuple[Mapping[str, Measured], dict[str, list[Twin]], dict[str, float]]:
     """Measurements and twins by experiment, and the seconds that each took."""
     twins: dict[str, list[Twin]] = {}
-    run = partial(twin_of, model=lab.model, kept_in=out / UNFINISHED, progress=progress, **settings)
+    run: Callable[..., Twin] = partial(
+        twin_of, model=lab.model, kept_in=out / UNFINISHED, progress=progress, **settings
+    )
     with _note_of_kept(out / UNFINISHED, experiments):
         with measuring(experiments, out, workers) as pending:
             for experiment in experiments:

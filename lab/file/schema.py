@@ -29,6 +29,9 @@ from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 HERE = Path()
 
 
+STIFFEST = 2e12  # [Pa], diamond has 1.2e12; a larger one makes a time step with which no run ends
+
+
 class Problem(NamedTuple):
     """Something wrong in the file: where, and the rest of the sentence."""
 
@@ -224,7 +227,7 @@ Length = Annotated[float, _quantity("length", 0, LONGEST), Field(examples=["6.2 
 Height = Annotated[float, _quantity("length", 0, open_low=False), Field(examples=["10 mm"])]
 Density = Annotated[float, _quantity("density", 0), Field(examples=["568 kg/m^3"])]
 Mass = Annotated[float, _quantity("mass", 0), Field(examples=["0.69 g"])]
-Modulus = Annotated[float, _quantity("pressure", 0), Field(examples=["11 GPa"])]
+Modulus = Annotated[float, _quantity("pressure", 0, STIFFEST), Field(examples=["11 GPa"])]
 Poisson = Annotated[float, _quantity("number", 0, 0.499, open_low=False), Field(examples=[0.44])]
 Restitution = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.42])]
 Friction = Annotated[float, _quantity("number", 0, open_low=False), Field(examples=[0.36])]

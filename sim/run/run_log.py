@@ -216,7 +216,8 @@ class Logbook:
         return tuple(warnings)
 
     def __enter__(self) -> Logbook:
-        paths = {"--checkpoint": self._checkpoint and self._checkpoint.path, "--trajectory": self._film_path}
+        kept = None if self._checkpoint is None else self._checkpoint.path
+        paths = {"--checkpoint": kept, "--trajectory": self._film_path}
         with ExitStack() as claims:
             for option, path in paths.items():
                 if path is not None:
