@@ -171,7 +171,7 @@ class Disk(io.RawIOBase):
     """A file that HDF5 writes, with errors kept until they are asked for.
 
     HDF5 cannot close a file that it failed to write: the process ends with a segmentation fault.  After an error
-    nothing more is written, HDF5 is told that all is well, and `check` raises the error.
+    nothing more is written, HDF5 sees no error, and `check` raises the error.
     """
 
     def __init__(self, path: Path, *, keep: bool) -> None:
