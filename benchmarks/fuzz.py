@@ -65,7 +65,7 @@ poisson_ratio = 0.44
 [contacts.D6-steel]
 restitution = 0.42
 [effects.air_drag]
-coefficient = 0.47
+drag_coefficient = 0.47
 """
 
 
@@ -82,7 +82,7 @@ def table() -> str:
 
 
 def notes() -> str:
-    condition = {"name": "one", "wall": "steel", "particle": "D6", "repetitions": 3, "files": "r%02d.csv"}
+    condition = {"name": "one", "wall": "steel", "particle": "D6", "repetitions": 6, "files": "r%02d.csv"}
     bead = {"diameter_m": 0.006, "mass_g": 0.064}
     camera = {"frame_rate_hz": 240, "scale_m_per_px": 2e-4, "tracking_noise_px": 0.2}
     return json.dumps(
@@ -119,13 +119,14 @@ def in_bytes(chance: random.Random, whole: bytes) -> bytes:
 
 def in_words(chance: random.Random, text: str) -> bytes:
     """Some numbers or words exchanged, lines left out or doubled; at times bytes."""
-    for _ in range(chance.choice((1, 1, 2, 5))):
+    for _ in range(chance.choice((1, 1, 1, 2, 5))):
         found = list(re.finditer(r"-?\d+(?:\.\d+)?(?:e-?\d+)?|\w+|\n", text))
         if not found:
             break
         one = chance.choice(found)
         kind = chance.randrange(4)
-        put = (chance.choice(EXTREMES), chance.choice(found)[0], "", 2 * one[0])[kind]
+        scaled = f"{10 ** chance.uniform(-3, 3):.3g}"
+        put = (chance.choice((*EXTREMES, scaled, scaled)), chance.choice(found)[0], "", 2 * one[0])[kind]
         text = text[: one.start()] + put + text[one.end() :]
     data = text.encode("utf-8", "surrogatepass")
     return in_bytes(chance, data) if chance.random() < 0.2 else data
@@ -147,8 +148,8 @@ def case(number: int, folder: Path) -> tuple[str, list[str]]:
         return ["compare", str(folder), *out]
 
     def lab_json() -> list[str]:
-        for k in (1, 2, 3):
-            written(f"r0{k}.csv", table().replace("0.2", f"0.20{k}").encode())
+        for k in range(1, 7):
+            written(f"r0{k}.csv", table().replace(",0.0,", f",{1e-4 * k},").encode())
         written("lab.json", in_words(chance, notes()))
         return ["diagnose", str(folder), *out]
 
@@ -171,9 +172,12 @@ def case(number: int, folder: Path) -> tuple[str, list[str]]:
     def options() -> list[str]:
         words = ["--drop-height", "200mm", "--restitution", "0.5", "--frame-rate", "240Hz", "--bounces", "3"]
         for _ in range(chance.choice((1, 2))):
-            place = chance.randrange(len(words))
-            unit = chance.choice(("", "mm", "Hz", "m", "deg", "px"))
-            words[place] = chance.choice((*EXTREMES, "--seed", "--duration", "--particle")) + unit
+            place = chance.choice((1, 3, 5, 7)) if chance.random() < 0.9 else chance.randrange(len(words))
+            unit = (
+                re.sub(r"[\d.]+", "", words[place]) if chance.random() < 0.8 else chance.choice(("mm", "Hz", "deg", ""))
+            )
+            number = f"{10 ** chance.uniform(-6, 6):.3g}" if chance.random() < 0.6 else chance.choice(EXTREMES)
+            words[place] = number + unit
         return ["simulate", "drop", *words, *out]
 
     kinds = {
