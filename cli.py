@@ -248,6 +248,9 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
     number = getattr(error, "errno", None)
     if isinstance(error, MemoryError) or number == errno.ENOMEM:
         return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
+    if number == errno.EAGAIN or str(error) == "can't start new thread":  # where memory is short for its stack, too
+        message = f"the system gives no further thread, for want of memory or by a limit; {_less_memory(arguments)}."
+        return _fail("memory", message, 2, as_json)
     if isinstance(error, OSError) and (error.filename is not None or number in FULL):  # a folder that cannot be made
         reason = (error.strerror or "cannot be used").lower()
         advice = (

@@ -930,3 +930,13 @@ def test_two_runs_do_not_write_into_one_folder(empty_video, tmp_path, capfd):
 def test_places_and_scales_beyond_any_use_are_refused(rig, option, value, said, empty_video, capfd):
     name, *more = rig.split()
     refused(["measure", name, str(empty_video), *more, option, value, "--out", "o"], capfd, said)
+
+
+def test_a_decoder_without_a_thread_is_no_fault_of_rigtwin(monkeypatch, capfd):
+    def no_thread(*_: object, **__: object) -> None:
+        import av
+
+        raise av.error.BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("rigtwin.cli.app", no_thread)
+    refused(["measure", "drop", "x.mp4"], capfd, "no further thread", "shorter clip")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,8 @@ FORMATS = (
 
 LISTS = (b"ffconcat version", b"#EXTM3U", b"<MPD", b"[playlist]", b"CWSF")
 """How play lists begin, or what stands near their beginning."""
+
+SHORT_OF_MEMORY = (errno.ENOMEM, errno.EAGAIN)  # the second one where a decoder's thread cannot begin
 
 HEAD = 512  # [bytes], in which a play list shows itself
 
@@ -46,14 +49,21 @@ def open_container(path: Path) -> Iterator[Any]:
         The file is missing, no ordinary file, a play list, or its pictures are too large.
     av.FFmpegError
         FFmpeg cannot read it.
+    MemoryError
+        Memory is short: no fault of the file.
     """
     with opened(path, advice="give a clip that a video player shows", refuse=UnreadableMedia) as file:
         head = file.read(HEAD)
     if any(mark in head for mark in LISTS):
         raise UnreadableMedia(f"{path}: is a list that names other files, not a clip; give the clips themselves.")
     allowed = {"protocol_whitelist": "file", "format_whitelist": ",".join(FORMATS)}
-    with av.open(f"file:{path.absolute()}", options=allowed, metadata_errors="replace") as container:
-        for stream in container.streams.video:
-            if stream.codec_context is not None:
-                must_have_room(path, stream.width, stream.height)
-        yield container
+    try:
+        with av.open(f"file:{path.absolute()}", options=allowed, metadata_errors="replace") as container:
+            for stream in container.streams.video:
+                if stream.codec_context is not None:
+                    must_have_room(path, stream.width, stream.height)
+            yield container
+    except av.FFmpegError as error:
+        if error.errno in SHORT_OF_MEMORY:
+            raise MemoryError from error
+        raise

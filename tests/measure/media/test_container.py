@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import struct
 from pathlib import Path
@@ -180,3 +181,16 @@ def test_a_recording_without_a_possible_rate_is_refused(tmp_path, rate) -> None:
     (tmp_path / "clip.mraw").write_bytes(bytes(256))
     with pytest.raises(UnreadableMedia, match="pictures per second"):
         open_video(tmp_path / "clip.cih", Camera())
+
+
+@pytest.mark.parametrize("number", [errno.ENOMEM, errno.EAGAIN])
+def test_what_a_decoder_lacks_is_memory_and_no_damage(tmp_path, monkeypatch, number) -> None:
+    clip = film(tmp_path / "clip.mkv")
+    kind = {errno.ENOMEM: av.error.MemoryError, errno.EAGAIN: av.error.BlockingIOError}[number]
+
+    def fail() -> None:
+        with open_container(clip):
+            raise kind(number, "no room")
+
+    with pytest.raises(MemoryError):
+        fail()
