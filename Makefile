@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-decks clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-decks faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -71,6 +71,14 @@ bench-diagnose: $(READY)
 # decks of four rigs run by LIGGGHTS, LAMMPS and Yade, where they are installed; about ten minutes
 bench-decks: $(READY)
 	$(BIN)/python benchmarks/engine/decks.py
+
+# SEED=7 COUNT=10 make faults: kills, a full disk, two runs in one folder; some twenty minutes
+faults: $(READY)
+	$(BIN)/python benchmarks/faults.py
+
+# SEED=7 COUNT=300 make fuzz: damaged and absurd input
+fuzz: $(READY)
+	$(BIN)/python benchmarks/fuzz.py
 
 clean:
 	rm -rf .venv .typing out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

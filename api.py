@@ -78,6 +78,7 @@ def measure(
     from tempfile import TemporaryDirectory
 
     from rigtwin.commands import measure as commands
+    from rigtwin.commands.output_folder import claimed
     from rigtwin.commands.run_command import media_of
     from rigtwin.lab.progress import silent
 
@@ -93,7 +94,8 @@ def measure(
         )
     work = _work(command, {positional: paths if many else paths[0]}, settings)
     if out is not None:
-        kept: Measurement = _run(work, out=Path(out), progress=progress or silent)
+        with claimed(Path(out)):
+            kept: Measurement = _run(work, out=Path(out), progress=progress or silent)
         return kept
     with TemporaryDirectory(prefix="rigtwin-") as folder:
         try:
@@ -143,13 +145,15 @@ def simulate(rig: RigName, *, progress: Progress | None = None, **settings: Sett
     return twin
 
 
-def open_lab(folder: str | Path) -> OpenLab:
+def open_lab(folder: str | Path, *, allow_outside: bool = False) -> OpenLab:
     """Read a lab folder and its ``lab.toml``.
 
     Parameters
     ----------
     folder : str or pathlib.Path
         The lab folder.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
 
     Returns
     -------
@@ -169,7 +173,7 @@ def open_lab(folder: str | Path) -> OpenLab:
     >>> [experiment.id for experiment in lab.experiments]
     ['drop-D6-steel', 'pendulum-D12', 'pile-D6-90mm']
     """
-    return OpenLab(Path(folder))
+    return OpenLab(Path(folder), allow_outside=allow_outside)
 
 
 class OpenLab:
@@ -179,13 +183,16 @@ class OpenLab:
     ----------
     folder : pathlib.Path
         The lab folder.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, allow_outside: bool = False) -> None:
         from rigtwin.lab.file.lab_file import read_lab
 
         self.folder = folder
-        self.lab: Lab = read_lab(folder)
+        self.allow_outside = allow_outside
+        self.lab: Lab = read_lab(folder, allow_outside=allow_outside)
 
     @property
     def experiments(self) -> tuple[Any, ...]:
@@ -229,7 +236,11 @@ class OpenLab:
         from rigtwin.commands import labs
         from rigtwin.lab.progress import silent
 
-        work = _work(_inner(labs.compare), {"lab": self.folder}, {"out": out, "only": only, **settings})
+        work = _work(
+            _inner(labs.compare),
+            {"lab": self.folder},
+            {"out": out, "only": only, "allow_outside": self.allow_outside, **settings},
+        )
         comparison: Comparison = _run(work, workers=workers, progress=progress or silent)
         return comparison
 
@@ -267,7 +278,11 @@ class OpenLab:
         from rigtwin.commands import labs
         from rigtwin.lab.progress import silent
 
-        work = _work(_inner(labs.diagnose), {"lab": self.folder}, {"out": out, "only": only, **settings})
+        work = _work(
+            _inner(labs.diagnose),
+            {"lab": self.folder},
+            {"out": out, "only": only, "allow_outside": self.allow_outside, **settings},
+        )
         diagnosis: Diagnosis
         diagnosis, _files = _run(work, progress=progress or silent)
         return diagnosis

@@ -6,6 +6,7 @@ Only typer and rich are imported at the top, so that ``--help`` answers at once.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import sys
@@ -19,7 +20,7 @@ from rigtwin.commands import decks, labs, measure, simulate
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
 from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
 from rigtwin.commands.run_command import Work, finished
-from rigtwin.lab.units import MOST_PARTICLES
+from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
 from rigtwin.lab.version import __version__
 
 app = typer.Typer(
@@ -127,7 +128,10 @@ def reproduce(
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
     rolling_model: simulate.RollingModel = "A",
     repetitions: Annotated[
-        int | None, typer.Option("--repetitions", min=1, help="Runs with different seeds per cell or point of a study.")
+        int | None,
+        typer.Option(
+            "--repetitions", min=1, max=MOST_RUNS, help="Runs with different seeds per cell or point of a study."
+        ),
     ] = None,
     workers: Annotated[int | None, typer.Option("--workers", min=1, help="Runs at a time; one per core.")] = None,
     cluster: Cluster = None,
@@ -176,14 +180,24 @@ def run(arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Exception as error:
-        return _fault(error, as_json)
+        return _fault(error, as_json, arguments)
     if code == 130:  # typer's word for Ctrl-C
         return _fail("interrupted", "interrupted; results of earlier runs are as they were.", code, as_json)
     return code if isinstance(code, int) else 0
 
 
-def _fault(error: Exception, as_json: bool) -> int:
+def _less_memory(arguments: list[str]) -> str:
+    """What to ask less of, by the command that was running."""
+    if "simulate" in arguments or "reproduce" in arguments:
+        return "ask for fewer particles, a shorter time or a lower frame rate"
+    if "measure" in arguments:
+        return "give a shorter clip (cut it, or choose its part with --start and --end) or smaller pictures"
+    return "close other programs, or name fewer experiments with --only"
+
+
+def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
     from rigtwin.lab.errors import Interrupted, RigtwinError
+    from rigtwin.lab.output_files import FULL
 
     if os.environ.get("RIGTWIN_DEBUG"):
         import traceback
@@ -193,12 +207,21 @@ def _fault(error: Exception, as_json: bool) -> int:
         return _fail("interrupted", str(error), error.exit_code, as_json)
     if isinstance(error, RigtwinError):
         return _fail(type(error).__name__, str(error), error.exit_code, as_json)
-    if isinstance(error, MemoryError):
-        message = "this does not fit into memory; ask for fewer particles, a shorter time or a lower frame rate."
+    number = getattr(error, "errno", None)
+    if isinstance(error, MemoryError) or number == errno.ENOMEM:
+        return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
+    if number == errno.EAGAIN or str(error) == "can't start new thread":  # where memory is short for its stack, too
+        message = f"the system gives no further thread, for want of memory or by a limit; {_less_memory(arguments)}."
         return _fail("memory", message, 2, as_json)
-    if isinstance(error, OSError) and error.filename is not None:  # a folder that cannot be made, a full disk
+    if isinstance(error, OSError) and (error.filename is not None or number in FULL):  # a folder that cannot be made
         reason = (error.strerror or "cannot be used").lower()
-        return _fail("file", f"{error.filename}: {reason}; check the path and its permissions.", 2, as_json)
+        advice = (
+            "free some space, or name a place on another disk"
+            if number in FULL
+            else "check the path and its permissions"
+        )
+        where = f"{error.filename}: " if error.filename is not None else "a file could not be written: "
+        return _fail("file", f"{where}{reason}; {advice}.", 2, as_json)
     reason = f"{type(error).__name__}: {error}".splitlines()[0]
     message = f"a fault of rigtwin itself ({reason}); set RIGTWIN_DEBUG=1 and run again to see the traceback."
     return _fail("fault", message, 1, as_json)

@@ -52,6 +52,8 @@ SCRIPTS = (
     Script("bench-diagnose", 20, "diagnose/verdicts.py"),
     Script("bench-ground", 9, "measure/background_bias.py"),
     Script("reproduction-page", 2, "reproduce/docs_page.py"),
+    Script("faults", 15, "faults.py"),
+    Script("fuzz", 6, "fuzz.py"),
     Script("poured-bed", 8, "engine/poured_bed.py"),
     Script("conical", 3, "engine/conical.py"),
     Script("devices", 2, "engine/devices.py"),

@@ -15,6 +15,10 @@ from rigtwin.commands.options import Out, Runs, Seed, Stiffness, Threads
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
+Outside = Annotated[
+    bool, typer.Option("--allow-outside", help="Let the lab name files outside its folder (absolute paths, links, ..).")
+]
+
 
 @finished(show_comparison)
 def compare(
@@ -46,6 +50,7 @@ def compare(
             help="Take what another code computed from an exported deck as this experiment's twin; may be given again.",
         ),
     ] = None,
+    allow_outside: Outside = False,
     out: Out = None,
 ) -> Work:
     """Measure a whole lab, run its twins, write percent deviations.
@@ -68,6 +73,7 @@ def compare(
         stiffness_factor=stiffness_factor,
         rolling=None if rolling_model is None else simulate.rolling_law(rolling_model),
         simulated=folders_of(simulated or ()),
+        allow_outside=allow_outside,
     )
 
 
@@ -100,6 +106,7 @@ def diagnose(
         list[Path] | None,
         typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
     ] = None,
+    allow_outside: Outside = False,
     out: Out = None,
 ) -> Work:
     """Find where twin and measurement disagree, and what is missing.
@@ -108,7 +115,9 @@ def diagnose(
     """
     from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
 
-    return partial(diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or ())
+    return partial(
+        diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or (), allow_outside=allow_outside
+    )
 
 
 def _beside(lab: Path, out: Path | None) -> Path:

@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from rigtwin.lab.units import MOST_RUNS
 from rigtwin.sim.engine import device
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
@@ -236,7 +237,13 @@ Cluster = Annotated[
 ]
 Runs = Annotated[
     int,
-    typer.Option("--runs", "--heaps", min=1, help="Runs of a twin of many particles, with seeds from --seed upwards."),
+    typer.Option(
+        "--runs",
+        "--heaps",
+        min=1,
+        max=MOST_RUNS,
+        help="Runs of a twin of many particles, with seeds from --seed upwards.",
+    ),
 ]
 Stiffness = Annotated[
     float | None,

@@ -9,21 +9,41 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from rigtwin.lab.checksums import sha256
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, Claimed
+from rigtwin.lab.output_files import claimed_folder
 from rigtwin.lab.quantity import Measurement
 
 
-def results_folder(rig: str, media: Path | Sequence[Path]) -> Path:
-    """The first of ``out/drop/r01``, ``r01~2`` ... without another input's results."""
+@contextmanager
+def results_folder(rig: str, media: Path | Sequence[Path]) -> Iterator[Path]:
+    """The first of ``out/drop/r01``, ``r01~2`` ... without another input's results, claimed for this run."""
     every = _each(media)
-    place = Path("out") / rig / _name(every[0])
-    places = itertools.chain([place], (place.with_name(f"{place.name}~{k}") for k in itertools.count(2)))
-    return next(place for place in places if _free(place, rig, every))
+    first = Path("out") / rig / _name(every[0])
+    places = itertools.chain([first], (first.with_name(f"{first.name}~{k}") for k in itertools.count(2)))
+    with ExitStack() as claim:
+        for place in places:
+            if not _free(place, rig, every):
+                continue
+            with suppress(Claimed):
+                claim.enter_context(claimed_folder(place, "taken"))
+                if _free(place, rig, every):  # another run may have written there meanwhile
+                    break
+                claim.close()
+        yield place
+
+
+def claimed(folder: Path) -> AbstractContextManager[None]:
+    """Keep the folder of ``--out`` for one run."""
+    return claimed_folder(
+        folder,
+        f"--out: another run of rigtwin is writing into {folder}; wait for it, or give --out a folder of its own.",
+    )
 
 
 def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -> Measurement:

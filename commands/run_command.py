@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -44,11 +44,16 @@ def measured(rig: str) -> Callable[[Command], Command]:
 
     def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
         work: Work = own()
-        from rigtwin.commands.output_folder import keep, results_folder
+        from rigtwin.commands.output_folder import claimed, keep, results_folder
 
-        folder = out or writable_folder(results_folder(rig, work.args[0]))
-        measurement = _done(partial(work, out=folder), hidden=as_json or quiet)
-        show_measurement(keep(measurement, folder, work.args[0]), as_json, quiet)
+        with ExitStack() as claim:
+            if out is None:
+                writable_folder(f"out/{rig}")
+                out = claim.enter_context(results_folder(rig, work.args[0]))
+            else:
+                claim.enter_context(claimed(out))
+            measurement = keep(_done(partial(work, out=out), hidden=as_json or quiet), out, work.args[0])
+        show_measurement(measurement, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(folder_text(command)), around)
 
@@ -65,13 +70,16 @@ def simulated(rig: str) -> Callable[[Command], Command]:
     def around(own: Any, *, out: Path | None, as_json: bool, quiet: bool) -> None:
         with errors_by_option(own.keywords):
             work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
-            from rigtwin.commands.output_folder import check_only
+            from rigtwin.commands.output_folder import check_only, claimed
 
             check_only(rig, folder)
-            checkpoint = work.keywords.get("checkpoint")
-            going_on = "" if checkpoint is None or hidden else kept_in_words(checkpoint)
-            twin = _done(work, hidden=hidden, first=going_on)
-        show_twin(twin, folder, as_json, quiet)
+            claim = claimed(folder)
+        with claim:
+            with errors_by_option(own.keywords):
+                checkpoint = work.keywords.get("checkpoint")
+                going_on = "" if checkpoint is None or hidden else kept_in_words(checkpoint)
+                twin = _done(work, hidden=hidden, first=going_on)
+            show_twin(twin, folder, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -23,7 +23,7 @@ from rigtwin.compare import result_files
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
-from rigtwin.compare.measure_repetitions import Measured, measuring
+from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import need_possible
 from rigtwin.compare.twins.imported import imported_for
 from rigtwin.compare.twins.matched import (
@@ -38,6 +38,7 @@ from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import Model, read_model
 from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.materials import KnownContact, pair
+from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ def compare(
     stiffness_factor: float | None = None,
     rolling: Rolling | None = None,
     simulated: Mapping[str, Path] | None = None,
+    allow_outside: bool = False,
 ) -> Comparison:
     """Compare a lab with its twins and write the results.
 
@@ -93,6 +95,8 @@ def compare(
         Rolling resistance law of twins of many particles.
     simulated : mapping of str to Path, optional
         For experiments by name the folder of a deck that another code has computed; it takes the place of the twin.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
 
     Returns
     -------
@@ -114,7 +118,7 @@ def compare(
     from there.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    lab = read_lab(lab_folder)
+    lab = read_lab(lab_folder, allow_outside=allow_outside)
     experiments = _chosen(lab, only)
     remarks = [*_stale(lab, experiments, out)]
     if model is not None:
@@ -128,15 +132,43 @@ def compare(
         need_possible(lab, experiment, count=count)
     twins, more = _imported(lab, experiments, simulated or {})
     remarks += more
-    run = partial(
-        twin_of,
-        model=lab.model,
-        count=count,
-        threads=threads,
-        stiffness_factor=stiffness_factor,
-        kept_in=out / UNFINISHED,
-        rolling=rolling,
-        progress=progress,
+    settings = {"count": count, "threads": threads, "stiffness_factor": stiffness_factor, "rolling": rolling}
+    with result_files.claimed(out):
+        for place in folders(experiments):
+            remove_leftovers(out / place)
+        measured, twins, seconds = _measured_and_run(
+            lab, experiments, out, workers, settings, twins, seed=seed, runs=runs, clock=clock, progress=progress
+        )
+        outcomes = tuple(
+            _outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments
+        )
+        comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
+        written = _written(comparison, out, clock, progress)
+        for experiment in experiments:
+            for kept in checkpoints(out / UNFINISHED, experiment):
+                kept.unlink(missing_ok=True)
+        with suppress(OSError):  # it holds other twins, or does not exist
+            (out / UNFINISHED).rmdir()
+    return written
+
+
+def _measured_and_run(
+    lab: Lab,
+    experiments: Sequence[Experiment],
+    out: Path,
+    workers: int | None,
+    settings: Mapping[str, Any],
+    imported: Mapping[str, list[Twin]],
+    *,
+    seed: int,
+    runs: int,
+    clock: float,
+    progress: Progress,
+) -> tuple[Mapping[str, Measured], dict[str, list[Twin]], dict[str, float]]:
+    """Measurements and twins by experiment, and the seconds that each took; `imported` twins are not run."""
+    twins = dict(imported)
+    run: Callable[..., Twin] = partial(
+        twin_of, model=lab.model, kept_in=out / UNFINISHED, progress=progress, **settings
     )
     with _note_of_kept(out / UNFINISHED, experiments):
         with measuring(experiments, out, workers) as pending:
@@ -152,16 +184,8 @@ def compare(
                 found = measured[experiment.id].measurements
                 twins[experiment.id] = [run(experiment, measurements=found)]
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
-    outcomes = tuple(_outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments)
     seconds["measuring, beside early twins"] = measured_after
-    comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
-    written = _written(comparison, out, clock, progress)
-    for experiment in experiments:
-        for kept in checkpoints(out / UNFINISHED, experiment):
-            kept.unlink(missing_ok=True)
-    with suppress(OSError):  # it holds other twins, or does not exist
-        (out / UNFINISHED).rmdir()
-    return written
+    return measured, twins, seconds
 
 
 def _imported(

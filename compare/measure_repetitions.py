@@ -15,8 +15,10 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import interrupts_held, spawned
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.tracked.table import is_table
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class Measured:
 def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:
     """Measure one repetition from its media, or from a tracked record (CSV); pictures are written into `out`."""
     try:
-        return _measure(experiment, views, out)
+        with unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)):
+            return _measure(experiment, views, out)
     except RigtwinError as error:
         return Failure(views[0], str(error))
 

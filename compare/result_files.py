@@ -11,11 +11,13 @@ import os
 import platform
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
+from rigtwin.lab.output_files import claimed_folder, replacing
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.version import __version__
 
@@ -36,16 +38,18 @@ def write_together(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]
     for name in contents:
         if (folder / name).is_dir():  # otherwise this would fail only halfway through the renaming
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
-    partials = {name: folder / f"{name}.{os.getpid()}.part" for name in contents}
-    try:
+    with ExitStack() as together:  # renames when all are written
         for name, text in contents.items():
-            partials[name].write_text(text, encoding="utf-8", newline="")
-        for name, partial in partials.items():
-            partial.replace(folder / name)
-    finally:
-        for partial in partials.values():
-            partial.unlink(missing_ok=True)
+            part = together.enter_context(replacing(folder / name))
+            part.write_text(text, encoding="utf-8", newline="")
     return {name: folder / name for name in contents}
+
+
+def claimed(out: Path) -> AbstractContextManager[None]:
+    """Keep the folder of results for one run."""
+    return claimed_folder(
+        out, f"{out}: another run of rigtwin is writing into it; wait for that one, or give --out another folder."
+    )
 
 
 def observation(experiment: str, rig: str, origin: str, repetition: str, quantity: Quantity) -> dict[str, Any]:

@@ -21,6 +21,8 @@ _BOARD = re.compile(
 SHORTEST_LINE = 10.0  # [px], below it a plumb line says nothing of the vertical
 WIDEST_SQUARE = 1.0  # [m], of a board; "10" was meant to be millimetres
 WIDEST_PIXEL = 0.1  # [m], of which a picture shows some hundred metres; "0.3" was meant to be millimetres
+NARROWEST_PIXEL = 1e-9  # [m/px], far below what light resolves; a unit that was mistaken
+SLOWEST = 1e-6  # [1/s], a picture in eleven days
 FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the pen
 
 
@@ -115,13 +117,15 @@ class Camera:
     slot: Line | None = None  # hopper: the two edges of the outlet
 
     def __post_init__(self) -> None:
+        if self.frame_rate is not None and 0 < self.frame_rate < SLOWEST:
+            raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
         for name in ("frame_rate", "scale"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise BadInput(f"the camera's {name.replace('_', ' ')} must be positive, got {value:g}.")
         if self.frame_rate is not None and self.frame_rate > FASTEST:
             raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
-        if self.given_scale is not None and self.given_scale > WIDEST_PIXEL:
+        if self.given_scale is not None and not NARROWEST_PIXEL <= self.given_scale <= WIDEST_PIXEL:
             raise BadInput(
                 f"the camera's scale cannot be {self.given_scale:g} m in a pixel; write it like '0.2 mm/px', or a "
                 "known length with the pixels that it spans."

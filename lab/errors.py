@@ -9,6 +9,7 @@
         ├── BadQuantity          text that is not a number with a fitting unit
         ├── BadLabFile           lab.toml: the message names file, key and line
         ├── UnreadableMedia      no such file, empty, not a video, not a picture
+        ├── Claimed              another run writes into the same folder or checkpoint
         └── NothingToMeasure     the media is readable but shows no bead, no bounce, no pile
 """
 
@@ -84,6 +85,10 @@ class BadLabFile(BadInput):
 
 class UnreadableMedia(BadInput):
     """A video or photo that is missing, empty or cannot be decoded."""
+
+
+class Claimed(BadInput):
+    """A folder or checkpoint into which another run writes at this moment."""
 
 
 class NothingToMeasure(BadInput):

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.output_files import replacing
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,5 @@ def write_series(path: Path, series: Series) -> None:
 
 
 def _write(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    partial = path.with_name(path.name + ".part")
-    with partial.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *rows])
-    partial.replace(path)

@@ -45,6 +45,8 @@ AMBIGUOUS = {  # a bare number of these is nobody's habit
 
 MOST_PARTICLES = 10_000_000  # more of them fit into no memory; a count that was meant to be smaller
 
+MOST_RUNS = 10_000  # of one twin with different seeds; a number that was meant to be smaller
+
 _ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
 
 

@@ -7,6 +7,7 @@ Files are written under a temporary name and then renamed, so that a crash leave
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import FloatImage, Image
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.output_files import naming, replacing
 from rigtwin.lab.quantity import Measurement
 
 if TYPE_CHECKING:
@@ -53,9 +55,10 @@ class OverlayVideo:
     def __init__(self, path: Path, *, frame_rate: float) -> None:
         """`frame_rate` is the playback rate of the overlay [1/s], not the capture rate of the clip."""
         self.path = path
-        self._partial = path.with_name(path.stem + ".part" + path.suffix)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._container = av.open(str(self._partial), "w")
+        self._files = ExitStack()
+        self._part = self._files.enter_context(replacing(path))
+        with naming(path):
+            self._container = av.open(f"file:{self._part.absolute()}", "w", format="mp4")
         self._rate = Fraction(frame_rate).limit_denominator(1000)
         self._stream: av.VideoStream | None = None
 
@@ -66,8 +69,7 @@ class OverlayVideo:
         height, width = self._stream.height, self._stream.width
         # 4:2:0 chroma subsampling needs even sides: an odd last row or column is dropped
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture[:height, :width]), format="bgr24")
-        for packet in self._stream.encode(frame):
-            self._container.mux(packet)
+        self._add(frame)
 
     def _open_stream(self, picture: Image) -> av.VideoStream:
         stream = self._container.add_stream("libx264", rate=self._rate, options={"preset": "ultrafast", "crf": "22"})
@@ -81,14 +83,23 @@ class OverlayVideo:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None and self._stream is not None:
-            for packet in self._stream.encode():
+        whole = kind is None and self._stream is not None
+        with self._files:
+            try:
+                if whole:
+                    self._add(None)
+            finally:
+                with naming(self.path), suppress(*() if whole else (av.FFmpegError,)):
+                    self._container.close()
+            if not whole:
+                self._part.unlink(missing_ok=True)
+
+    def _add(self, frame: av.VideoFrame | None) -> None:
+        """Append a frame; None for the last ones, which the encoder holds back."""
+        assert self._stream is not None
+        with naming(self.path):
+            for packet in self._stream.encode(frame):
                 self._container.mux(packet)
-        self._container.close()
-        if kind is None and self._stream is not None:
-            self._partial.replace(self.path)
-        else:
-            self._partial.unlink(missing_ok=True)
 
 
 def save_picture(path: Path, picture: Image) -> None:
@@ -97,9 +108,8 @@ def save_picture(path: Path, picture: Image) -> None:
     written, data = cv2.imencode(path.suffix, picture)
     if not written:
         raise BadInput(f"{path}: cannot write a picture with this file extension; use .png or .jpg.")
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(data.tobytes())
-    partial.replace(path)
+    with replacing(path) as part:
+        part.write_bytes(data.tobytes())
 
 
 def save_plot(path: Path, figure: Figure, *, trimmed: bool = True) -> None:
@@ -108,9 +118,8 @@ def save_plot(path: Path, figure: Figure, *, trimmed: bool = True) -> None:
     `trimmed` removes the white border, which takes as long as drawing; not needed for a figure with set margins.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    figure.savefig(partial, format=path.suffix.lstrip("."), bbox_inches="tight" if trimmed else None)
-    partial.replace(path)
+    with replacing(path) as part:
+        figure.savefig(part, format=path.suffix.lstrip("."), bbox_inches="tight" if trimmed else None)
 
 
 def line_width(picture: Image) -> int:

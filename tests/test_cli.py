@@ -890,3 +890,59 @@ def test_quiet_prints_nothing(capfd):
     arguments = ["simulate", "drop", "--drop-height", "100mm", "--frame-rate", "1kHz"]
     assert run([*arguments, "--out", "twin", "--quiet"]) == 0
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "advice"),
+    [
+        (["measure", "drop", "x.mp4"], "shorter clip"),
+        (["simulate", "drop", "--drop-height", "300mm"], "fewer particles"),
+        (["compare", "."], "fewer experiments"),
+    ],
+)
+def test_what_to_ask_less_of_fits_the_command_that_ran_out_of_memory(arguments, advice, monkeypatch, capfd):
+    def short_of_memory(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
+
+    monkeypatch.setattr("rigtwin.cli.app", short_of_memory)
+    refused(arguments, capfd, advice)
+
+
+def test_a_full_disk_that_no_error_names_is_no_fault_of_rigtwin(monkeypatch, capfd):
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("rigtwin.cli.app", full)
+    refused(["measure", "drop", "x.mp4"], capfd, "no space left on device; free some space")
+
+
+def test_two_runs_do_not_write_into_one_folder(empty_video, tmp_path, capfd):
+    from rigtwin.commands.output_folder import claimed, results_folder
+
+    with claimed(Path("results")):
+        refused(["measure", "drop", str(empty_video), "--out", "results"], capfd, "another run of rigtwin is writing")
+        arguments = ["simulate", "drop", "--drop-height", "300mm", "--out", "results"]
+        refused(arguments, capfd, "another run of rigtwin is writing")
+    with results_folder("drop", empty_video) as one, results_folder("drop", empty_video) as other:
+        assert (one, other) == (Path("out/drop/wall"), Path("out/drop/wall~2"))
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("rig", ["drop", "hopper", "drum", "tilt --variant slide", "pendulum"])
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [("--scale", "1e-300mm/px", "scale cannot be 1e-303"), ("--region", "1,2,3,4", "shows 3 x 4 px of the picture")],
+)
+def test_places_and_scales_beyond_any_use_are_refused(rig, option, value, said, empty_video, capfd):
+    name, *more = rig.split()
+    refused(["measure", name, str(empty_video), *more, option, value, "--out", "o"], capfd, said)
+
+
+def test_a_decoder_without_a_thread_is_no_fault_of_rigtwin(monkeypatch, capfd):
+    def no_thread(*_: object, **__: object) -> None:
+        import av
+
+        raise av.error.BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    monkeypatch.setattr("rigtwin.cli.app", no_thread)
+    refused(["measure", "drop", "x.mp4"], capfd, "no further thread", "shorter clip")

@@ -24,7 +24,13 @@ ASSUMED = {"density_kg_m3": 1000.0, "youngs_modulus_Pa": 1e9, "poissons_ratio": 
 
 
 def diagnose_folder(
-    folder: Path, out: Path, *, own: Sequence[Path] = (), only: Sequence[str] = (), progress: Progress = silent
+    folder: Path,
+    out: Path,
+    *,
+    own: Sequence[Path] = (),
+    only: Sequence[str] = (),
+    allow_outside: bool = False,
+    progress: Progress = silent,
 ) -> tuple[Diagnosis, dict[str, Path]]:
     """Diagnose the lab in a folder and write the result.
 
@@ -38,6 +44,8 @@ def diagnose_folder(
         Files with effects of the user, tried beside those of the library.
     only : sequence of str
         Experiments of a lab.toml to diagnose; empty for all.  Not allowed with a lab.json.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
     progress : Progress
         Called with step, number and count.
 
@@ -57,16 +65,21 @@ def diagnose_folder(
     notebook = folder.suffix == ".toml" or ((folder / "lab.toml").is_file() and not (folder / "lab.json").is_file())
     if only and not notebook:
         raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
-    lab = tracked_lab(folder, only, progress) if notebook else read_tracked_lab(folder)
-    diagnosis = diagnose(lab, effects, progress)
-    model = model_of(diagnosis)
-    remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
-    contents = {
-        "diagnosis.json": result_files.document(diagnosis.to_json()),
-        "diagnosis.html": page(diagnosis),
-        "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
-    }
-    return diagnosis, result_files.write_together(out, contents)
+    lab = (
+        tracked_lab(folder, only, progress, allow_outside=allow_outside)
+        if notebook
+        else read_tracked_lab(folder, allow_outside=allow_outside)
+    )
+    with result_files.claimed(out):
+        diagnosis = diagnose(lab, effects, progress)
+        model = model_of(diagnosis)
+        remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
+        contents = {
+            "diagnosis.json": result_files.document(diagnosis.to_json()),
+            "diagnosis.html": page(diagnosis),
+            "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
+        }
+        return diagnosis, result_files.write_together(out, contents)
 
 
 def model_of(diagnosis: Diagnosis) -> Model:

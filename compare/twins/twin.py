@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from rigtwin.compare import result_files
 from rigtwin.lab.materials import Contact, Particle
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Evaluation, Quantity, Readable
 from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
 from rigtwin.lab.rigs import Rig
@@ -86,9 +87,8 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
 def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
     from PIL import Image
 
-    partial = path.with_name(path.name + ".part")
-    Image.fromarray(picture).save(partial, format="PNG", optimize=True)
-    partial.replace(path)
+    with replacing(path) as part:
+        Image.fromarray(picture).save(part, format="PNG", optimize=True)
 
 
 def stated(**settings: Any) -> dict[str, Any]:

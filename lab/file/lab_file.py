@@ -6,7 +6,7 @@ define are looked up in the published reference, and `Lab.borrowed` says so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -18,9 +18,13 @@ from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.file.schema import Document, ExperimentEntry, LabFile, Problem, read_document, validated
 from rigtwin.lab.file.toml_lines import Key, dotted
+from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.rigs import RIGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
+
+OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow-outside."
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,8 @@ class Experiment:
     ]  # per repetition its media or tracked CSV; several views of one bed or pile
     table: TableOptions = field(default_factory=TableOptions)
     """What is stated of tables of tracked data."""
+    outside: frozenset[Path] = frozenset()
+    """Files of the repetitions that lie outside the lab's folder."""
 
     @property
     def rig_name(self) -> RigName:
@@ -77,8 +83,8 @@ class Lab:
         return {experiment.id: experiment for experiment in self.experiments}[name]
 
 
-def read_lab(folder: Path) -> Lab:
-    """Read the lab in `folder` (or the lab.toml itself).
+def read_lab(folder: Path, *, allow_outside: bool = False) -> Lab:
+    """Read the lab in `folder` (or the lab.toml itself), whose files lie in it unless `allow_outside`.
 
     Raises `BadLabFile` in one sentence: the file, the line, the key, what is wrong and what to write instead.
     """
@@ -87,7 +93,7 @@ def read_lab(folder: Path) -> Lab:
     file = validated(document, LabFile)
     inventory = Inventory(file)
     experiments = [
-        _experiment(path.parent, inventory, entry, ("experiments", number))
+        _experiment(path.parent, inventory, entry, ("experiments", number), allow_outside)
         for number, entry in enumerate(file.experiments)
     ]
     problems = [*inventory.problems, *_repeated_ids(document, file)]
@@ -144,26 +150,31 @@ def new_lab(folder: Path) -> list[Path]:
     try:
         for rig in RIGS:
             (folder / rig).mkdir(parents=True, exist_ok=True)
-        path.write_text(template, encoding="utf-8")
+        with replacing(path) as part:
+            part.write_text(template, encoding="utf-8")
     except OSError as error:
         raise BadInput(f"{folder}: cannot be made a lab folder ({error.strerror}); name another folder.") from None
     return [path]
 
 
-def _experiment(folder: Path, inventory: Inventory, entry: ExperimentEntry, key: Key) -> Experiment | None:
+def _experiment(
+    folder: Path, inventory: Inventory, entry: ExperimentEntry, key: Key, allow_outside: bool
+) -> Experiment | None:
     particle = inventory.particle(entry.particle, (*key, "particle"))
     wall = None if entry.wall is None else inventory.material(entry.wall, (*key, "wall"))
     repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
+    outside = list(_outside(folder, entry, repetitions, key))
     found = [
         *(Problem((*key, name), why) for name, why in entry.faults()),
-        *_media_problems(entry, repetitions, key),
-        *_camera_problems(entry, folder, key),
+        *(_media_problems(entry, repetitions, key) if allow_outside or not outside else outside),
+        *_camera_problems(entry, folder, key, allow_outside),
     ]
     inventory.problems += found
     if particle is None or found or (entry.wall is not None and wall is None):
         return None
     camera = entry.camera.camera(folder)
-    return Experiment(entry.id, entry.settings(), particle, wall, camera, repetitions, entry.table)
+    views = frozenset(view for views in repetitions for view in views if lies_outside(view, folder))
+    return Experiment(entry.id, entry.settings(), particle, wall, camera, repetitions, entry.table, views)
 
 
 def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key) -> list[Problem]:
@@ -198,7 +209,19 @@ def _stands_there(path: Path, *, folder_too: bool) -> bool:
         return False
 
 
-def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key) -> list[Problem]:
+def _outside(
+    folder: Path, entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key
+) -> Iterator[Problem]:
+    for number, views in enumerate(repetitions):
+        for view in views:
+            if (view.exists() or view.is_symlink() or ".." in view.parts) and lies_outside(view, folder):
+                yield Problem((*key, "repetitions", number), f"{view} {OUTSIDE}")
+
+
+def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key, allow_outside: bool) -> list[Problem]:
+    board = entry.camera.board
+    if board is not None and not allow_outside and lies_outside(folder / board.photo, folder):
+        return [Problem((*key, "camera", "board"), f"{folder / board.photo} {OUTSIDE}")]
     return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder, entry.rig)]
 
 

@@ -12,6 +12,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.schema import ModelFile, read_document, validated
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.reference import hlosta2020
 
 Effects = Mapping[str, Mapping[str, float]]
@@ -67,9 +68,8 @@ def read_model(path: Path) -> Model:
 
 def write_model(path: Path, model: Model) -> None:
     """Write a model.toml that `read_model` reads back the same; all values in SI."""
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(model_text(model), encoding="utf-8")
-    partial.replace(path)
+    with replacing(path) as part:
+        part.write_text(model_text(model), encoding="utf-8")
 
 
 def model_text(model: Model) -> str:

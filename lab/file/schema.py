@@ -20,12 +20,16 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
+from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
 from rigtwin.lab.rigs import RIGS, SETTINGS, UPSIDE_DOWN, RigSettings
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 
 HERE = Path()
+
+
+STIFFEST = 2e12  # [Pa], diamond has 1.2e12; a larger one makes a time step with which no run ends
 
 
 class Problem(NamedTuple):
@@ -70,14 +74,14 @@ class Document:
 
 def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") -> Document:
     """Read a TOML file, `made_by` where it is not there.  Raises `BadLabFile` with the line of what is no TOML."""
+    if why_not_ordinary(path) == "no such file":
+        raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.")
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        advice = "check the path and its permissions"
+        content = read_bytes(path, advice=advice, largest=LARGEST_NOTES, refuse=BadLabFile)
+        text = content.decode("utf-8-sig")
         data = tomllib.loads(text)
         lines = key_lines(text)
-    except FileNotFoundError:
-        raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.") from None
-    except OSError as error:
-        raise BadLabFile(f"{path}: cannot be read ({error.strerror}); check the path and its permissions.") from None
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         raise BadLabFile(f"{path}, line {line}: is not UTF-8 text; save the file as UTF-8.") from None
@@ -93,8 +97,9 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     reason = re.sub(r"\s*\(at .*\)$", "", said)
     reason = reason.replace("Cannot overwrite a value", "the key or table stands there twice")
     written = text.split("\n")[line - 1].strip()[:60]
+    quoted = "" if lies_outside(path, path.parent) else f" in {written!r}"  # a link would show a file elsewhere
     return (
-        f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}) in {written!r}; "
+        f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}){quoted}; "
         'write key = "text" or key = number, one per line.'
     )
 
@@ -222,7 +227,7 @@ Length = Annotated[float, _quantity("length", 0, LONGEST), Field(examples=["6.2 
 Height = Annotated[float, _quantity("length", 0, open_low=False), Field(examples=["10 mm"])]
 Density = Annotated[float, _quantity("density", 0), Field(examples=["568 kg/m^3"])]
 Mass = Annotated[float, _quantity("mass", 0), Field(examples=["0.69 g"])]
-Modulus = Annotated[float, _quantity("pressure", 0), Field(examples=["11 GPa"])]
+Modulus = Annotated[float, _quantity("pressure", 0, STIFFEST), Field(examples=["11 GPa"])]
 Poisson = Annotated[float, _quantity("number", 0, 0.499, open_low=False), Field(examples=[0.44])]
 Restitution = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.42])]
 Friction = Annotated[float, _quantity("number", 0, open_low=False), Field(examples=[0.36])]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from bisect import bisect_left
 
 Key = tuple[str | int, ...]
 """Path to a value: table names and list indices, ``("experiments", 0, "camera", "frame_rate")``."""
@@ -57,6 +58,7 @@ class _Scanner:
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
+        self.ends = [end.start() for end in re.finditer("\n", text)]
         self.lines: dict[Key, int] = {(): 1}
         self.tables_in: dict[Key, int] = {}  # array of tables -> how many so far
 
@@ -159,4 +161,4 @@ class _Scanner:
         return self.at < len(self.text)
 
     def _line(self) -> int:
-        return self.text.count("\n", 0, self.at) + 1
+        return bisect_left(self.ends, self.at) + 1

@@ -13,6 +13,7 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import parse
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.input_files import LARGEST_TABLE, decoding, must_have_few_rows, opened
 from rigtwin.lab.tracked.table import Table
 
 Row = tuple[str, ...]
@@ -42,13 +43,12 @@ def read_xml(path: Path) -> Table:
     Raises `BadInput` if the file is neither, holds no tracked point, declares entities, or if a number in it is none.
     """
     try:
-        root: Element = parse(path).getroot()
-    except OSError as error:
-        raise BadInput(f"{path}: {(error.strerror or 'unreadable').lower()}; give tracked data.") from None
-    except (ParseError, UnicodeError):
-        raise BadInput(f"{path}: not valid XML; give a Tracker project or TrackMate's tracks.") from None
+        with opened(path, advice="give tracked data", largest=LARGEST_TABLE) as file:
+            root: Element = parse(file).getroot()
     except DefusedXmlException:
         raise BadInput(f"{path}: declares XML entities, which no tracking program writes; export it again.") from None
+    except (ParseError, UnicodeError, LookupError, ValueError):  # LookupError: an unknown text encoding
+        raise BadInput(f"{path}: not valid XML; give a Tracker project or TrackMate's tracks.") from None
     try:
         if root.tag == "Tracks":
             return _trackmate_tracks(path, root)
@@ -65,12 +65,23 @@ def read_parquet(path: Path) -> Table:
     """Read a Parquet file, as trackpy's tables are often kept. Raises `BadInput` if it or pyarrow is not there."""
     import pandas as pd
 
-    try:
-        frame = pd.read_parquet(path)
-    except ImportError:
-        raise BadInput(f"{path}: reading Parquet needs the package pyarrow; install it, or export CSV.") from None
-    except (OSError, ValueError) as error:
-        raise BadInput(f"{path}: cannot be read as Parquet ({error}).") from None
+    advice = "export it as CSV"
+    with (
+        opened(path, advice=advice, largest=LARGEST_TABLE) as file,
+        decoding(path, "Parquet", advice, BadInput),
+    ):
+        from pyarrow import parquet
+
+        about = parquet.ParquetFile(file).metadata
+        must_have_few_rows(path, about.num_rows)
+        unpacked = sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups))
+        if unpacked > LARGEST_TABLE:
+            raise BadInput(
+                f"{path}: has {unpacked / 1e6:.0f} MB, and at most {LARGEST_TABLE / 1e6:.0f} MB are read; "
+                "keep only the columns and rows of the track."
+            )
+        file.seek(0)
+        frame = pd.read_parquet(file)
     names = {str(name): name for name in frame.columns}
     rows = [tuple(_text(cell) for cell in row) for row in frame.itertuples(index=False, name=None)]
     kind, length = ("trackpy table", "px") if {"x", "y", "mass", "ecc", "frame"} <= set(names) else ("table", "")

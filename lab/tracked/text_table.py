@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.input_files import LARGEST_TABLE, must_have_few_rows, read_bytes
 from rigtwin.lab.tracked.columns import body_and_axis, is_unit, role_of
 from rigtwin.lab.tracked.table import Table
 
@@ -98,11 +99,8 @@ def _begins_another(before: _Line, line: _Line, cells: Sequence[str], separator:
 
 
 def _lines(path: Path) -> list[_Line]:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else (error.strerror or "unreadable").lower()
-        raise BadInput(f"{path}: {reason}; give a table of tracked data.") from None
+    raw = read_bytes(path, advice="give a table of tracked data", largest=LARGEST_TABLE)
+    must_have_few_rows(path, raw.count(b"\n"))
     text = _decoded(raw)
     if text is None:
         raise BadInput(f"{path}: not a text file; give a table of tracked data as CSV or text.")

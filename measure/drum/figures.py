@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Profile
@@ -138,7 +139,6 @@ def _over_time(bed: Bed) -> tuple[Array, Array]:
 
 def _write_record(path: Path, measurement: Measurement) -> Path:
     """Write the median surface over time as ``x_m,height_m`` with its scatter; in px if no scale is known."""
-    partial = path.with_name(path.name + ".part")
     rows: list[tuple[str, ...]] = []
     if measurement.profiles:
         heights = np.array([profile.height for profile in measurement.profiles])
@@ -147,7 +147,6 @@ def _write_record(path: Path, measurement: Measurement) -> Path:
         sway = np.nanstd(heights[:, seen], axis=0)
         x = measurement.profiles[0].x[seen]
         rows = [(f"{a:.9g}", f"{b:.9g}", f"{c:.3g}") for a, b, c in zip(x, middle, sway, strict=True)]
-    with partial.open("w", newline="", encoding="utf-8") as file:
+    with replacing(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([("x_m", "height_m", "sigma_m"), *rows])
-    partial.replace(path)
     return path

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from rigtwin.lab.formatting import title
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Series
@@ -35,11 +36,9 @@ def write_pictures(
     _write_video(files["overlay"], files["still"], measurement, video, seen, edges, progress)
     files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, seen, left, scale)
     files["record"] = out / f"{stem}-left.csv"
-    partial = files["record"].with_name(files["record"].name + ".part")
-    with partial.open("w", newline="", encoding="utf-8") as file:
+    with replacing(files["record"]) as part, part.open("w", newline="", encoding="utf-8") as file:
         rows = [(f"{t:.9g}", f"{value:.6g}") for t, value in zip(left.time, left.value, strict=True)]
         csv.writer(file, lineterminator="\n").writerows([("time_s", "fraction_left"), *rows])
-    partial.replace(files["record"])
     return files
 
 

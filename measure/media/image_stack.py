@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.media.picture_size import must_have_room
 from rigtwin.measure.media.pictures import (
-    BROKEN_PAGE,
     CUT_OFF,
     FILMS,
     STILLS,
@@ -74,17 +75,20 @@ class Stack(Apart):
         try:
             with tifffile.TiffFile(path) as file:
                 count = len(file.pages)
+                page: Any = file.pages[0]
+                must_have_room(path, int(page.imagewidth), int(page.imagelength))
                 stated = max([int(one["shape"][0]) for one in file.shaped_metadata or () if "shape" in one], default=0)
-                first = np.asarray(file.pages[0].asarray())
+                first = np.asarray(page.asarray())
+                self.shape = (first.shape[0], first.shape[1])
                 some = [first]
                 for number in spread(count)[1:]:
-                    with suppress(*BROKEN_PAGE, tifffile.TiffFileError):  # reported when the pictures are read
-                        some.append(np.asarray(file.pages[number].asarray()))
-        except (*BROKEN_PAGE, tifffile.TiffFileError):
+                    some += _page(file, number, path, self.shape)
+        except (UnreadableMedia, MemoryError):
+            raise
+        except Exception:  # tifffile raises errors of every kind at damaged files
             raise UnreadableMedia(f"{path}: cannot be decoded as a TIFF file; give a clip or a stack.") from None
         if count < 3:
             raise UnreadableMedia(f"{path}: holds {counted_pictures(count)}; a measurement needs a clip.")
-        self.shape = (first.shape[0], first.shape[1])
         self.stamps: list[float | None] = [None] * count
         must_be_whole(path, first)
         self.shift, self.notes = bit_shift(some)
@@ -96,11 +100,24 @@ class Stack(Apart):
 
         with tifffile.TiffFile(self.path) as file:
             for number in range(start, len(self.stamps)):
-                try:
-                    image = np.asarray(file.pages[number].asarray())
-                except (*BROKEN_PAGE, tifffile.TiffFileError):
+                whole = _page(file, number, self.path, self.shape)
+                if not whole:
                     raise UnreadableMedia(
                         f"{self.path}: is damaged after picture {number - 1}; copy it again, or end the measurement "
                         f"before it with --end {number - 1}f."
-                    ) from None
+                    )
+                image = whole[0]
                 yield eight_bit(image[..., 2::-1] if image.ndim == 3 else image, self.shift)
+
+
+def _page(file: Any, number: int, path: Path, shape: tuple[int, int]) -> list[npt.NDArray[Any]]:
+    """One picture of a TIFF file; none if it is damaged or has another size than the first."""
+    try:
+        page = file.pages[number]
+        must_have_room(path, int(page.imagewidth), int(page.imagelength))
+        image = np.asarray(page.asarray())
+    except (UnreadableMedia, MemoryError):
+        raise
+    except Exception:  # tifffile raises errors of every kind at damaged files
+        return []
+    return [image] if image.shape[:2] == shape else []

@@ -13,6 +13,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure.media import pictures as sources
 from rigtwin.measure.media.ignored_regions import covered
+from rigtwin.measure.media.picture_size import header_of, must_be_small_enough
 from rigtwin.measure.media.undistort import straight
 from rigtwin.measure.media.validation import must_exist, must_fit, must_lie_inside
 
@@ -61,10 +62,11 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
     """
     must_exist(path, "photo")
     # decode from memory: imread would also write its own message about a broken file to stderr
+    must_be_small_enough(path)
     stored = np.fromfile(path, dtype=np.uint8)
-    image = cv2.imdecode(stored, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    image = sources.decoded(stored, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is not None and image.dtype not in (np.uint8, np.uint16):
-        image = cv2.imdecode(stored, cv2.IMREAD_COLOR)
+        image = sources.decoded(stored, cv2.IMREAD_COLOR)
     notes: tuple[str, ...] = ()
     if image is None:
         photo = _phone_photo(path)
@@ -127,14 +129,15 @@ def _same_picture(one: FloatImage, other: FloatImage) -> bool:
 def _phone_photo(path: Path) -> Image:
     """Read formats that OpenCV does not support: HEIC and others that Pillow knows."""
     import pillow_heif
-    from PIL import Image as Pictures
-    from PIL import ImageOps, UnidentifiedImageError
+    from PIL import ImageOps
 
     pillow_heif.register_heif_opener()
     try:
-        with Pictures.open(path) as photo:
+        with header_of(path) as photo:
             upright = ImageOps.exif_transpose(photo).convert("RGB")
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
+    except (UnreadableMedia, MemoryError):
+        raise
+    except Exception as error:  # decoders raise errors of every kind at damaged files
         if "truncated" in str(error).lower():
             raise UnreadableMedia(f"{path}: {_what_is_left(path)}; copy it again.") from None
         raise UnreadableMedia(f"{path}: cannot be decoded as a photo; give a JPEG, PNG, TIFF or HEIC file.") from None
@@ -144,15 +147,16 @@ def _phone_photo(path: Path) -> Image:
 def _what_is_left(path: Path) -> str:
     """Describe how much of a truncated photo can be read."""
     from PIL import ExifTags, ImageFile
-    from PIL import Image as Pictures
 
     before, ImageFile.LOAD_TRUNCATED_IMAGES = ImageFile.LOAD_TRUNCATED_IMAGES, True
     try:
-        with Pictures.open(path) as photo:
+        with header_of(path) as photo:
             whole = bool(photo.info.get("progressive") or photo.info.get("interlace"))
             turned = photo.getexif().get(ExifTags.Base.Orientation, 1) != 1
             rows = np.asarray(photo.convert("RGB"))
-    except (OSError, ValueError, SyntaxError):
+    except (UnreadableMedia, MemoryError):
+        raise
+    except Exception:
         return "the file is cut off, and nothing of the photo can be read"
     finally:
         ImageFile.LOAD_TRUNCATED_IMAGES = before

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as Xml
+from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 import numpy.typing as npt
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
 
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.lab.input_files import LARGEST_NOTES, read_bytes
+from rigtwin.measure.media.picture_size import must_have_room
 from rigtwin.measure.media.pictures import Picture, counted_pictures, eight_bit
 from rigtwin.measure.media.video_file import Apart
 
@@ -40,6 +45,7 @@ class Photron(Apart):
         if not self.raw.is_file():
             raise UnreadableMedia(f"{path}: its pictures are missing; put {self.raw.name} beside it.")
         self.header = header = _photron_header(found[0])
+        must_have_room(path, header.width, header.height)
         size = header.width * header.height * header.bits // 8
         whole = self.raw.stat().st_size // size
         self.notes: tuple[str, ...] = ()
@@ -61,11 +67,12 @@ class Photron(Apart):
 
 
 def _photron_header(path: Path) -> _PhotronHeader:
-    text = path.read_bytes().decode("utf-8", errors="replace")
+    advice = "save the recording as TIFF or AVI"
+    text = read_bytes(path, advice=advice, largest=LARGEST_NOTES, refuse=UnreadableMedia).decode(errors="replace")
     try:
         if path.suffix.lower() == ".cihx":
             # the XML part is embedded between binary blocks
-            root = Xml.fromstring(text[text.index("<cih>") : text.index("</cih>") + len("</cih>")])
+            root: Element = fromstring(text[text.index("<cih>") : text.index("</cih>") + len("</cih>")])
             found = {
                 "Record Rate(fps)": root.findtext("recordInfo/recordRate"),
                 "Image Width": root.findtext("imageDataInfo/resolution/width"),
@@ -86,11 +93,16 @@ def _photron_header(path: Path) -> _PhotronHeader:
             bits=bits,
             used=int(words.get("EffectiveBit Depth", bits)),
         )
-    except (KeyError, ValueError, Xml.ParseError):
+    except (KeyError, ValueError, ParseError, DefusedXmlException):
         raise UnreadableMedia(
             f"{path}: rate, size or bit depth cannot be read from it; save the recording as TIFF or AVI."
         ) from None
-    if header.bits not in (8, 12, 16) or min(header.rate, header.width, header.height, header.used - 7) <= 0:
+    if not (math.isfinite(header.rate) and header.rate > 0 and min(header.width, header.height, header.count) > 0):
+        raise UnreadableMedia(
+            f"{path}: states {header.rate:g} pictures per second, {header.count} pictures and "
+            f"{header.width} x {header.height} px, which must be above zero; save the recording as TIFF or AVI."
+        )
+    if header.bits not in (8, 12, 16) or not 8 <= header.used <= 16:
         raise UnreadableMedia(
             f"{path}: {header.bits} bits per pixel cannot be read; save the recording as TIFF or AVI."
         )

@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-import lzma
 import re
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +18,8 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.media.container import open_container
+from rigtwin.measure.media.picture_size import must_be_small_enough
 
 Picture = tuple[GreyImage, Callable[[], Image]]
 """Brightness, shape (height, width), and a function that returns the BGR picture, shape (height, width, 3)."""
@@ -42,10 +42,9 @@ HEAD = 24  # pictures decoded to compare their time stamps with those of the pac
 
 LOOKED_AT = 5  # pictures of a folder or a stack that are read to find how many bits are used
 
-DEEP_GREY = ("gray16le", "gray16be")
+NO_MEMORY = -4  # OpenCV's number of the error
 
-# errors that tifffile raises for a damaged page
-BROKEN_PAGE = (zlib.error, lzma.LZMAError, ValueError, IndexError, KeyError, RuntimeError, OSError)
+DEEP_GREY = ("gray16le", "gray16be")
 
 # [px], largest picture decoded by one thread: the decoded picture is then still in the processor's cache when it is
 # analysed, which takes a sixth less CPU time than several threads; for larger pictures decoding dominates
@@ -80,10 +79,22 @@ def in_order(file: Path) -> tuple[list[Any], str]:
 
 
 def still(path: Path) -> npt.NDArray[Any]:
-    image = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    must_be_small_enough(path)
+    image = decoded(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
     if image is None:
         raise UnreadableMedia(f"{path}: cannot be decoded as a picture; take it out of the folder or save it again.")
     return np.asarray(image)
+
+
+def decoded(stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray[Any] | None:
+    """A picture that OpenCV decodes, None if it cannot."""
+    try:
+        image = cv2.imdecode(stored, kind)
+    except cv2.error as error:  # an assertion of its own about the header
+        if error.code == NO_MEMORY:
+            raise MemoryError from None
+        return None
+    return None if image is None else np.asarray(image)
 
 
 def must_be_whole(path: Path, first: npt.NDArray[Any]) -> None:
@@ -141,7 +152,7 @@ def decode(path: Path, start: int | None = None) -> Iterator[av.VideoFrame]:
 @contextmanager
 def opened(path: Path, threads: str) -> Iterator[tuple[Any, Any]]:
     """The container and its video stream; `threads` is FFmpeg's thread type, used for large pictures."""
-    with av.open(str(path)) as container:
+    with open_container(path) as container:
         stream = container.streams.video[0]
         stream.thread_type = threads
         if stream.width * stream.height <= IN_CACHE:

@@ -10,9 +10,13 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.media.container import open_container
+from rigtwin.measure.media.pictures import reason
 
 SOUNDS = (".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus")
 """Suffixes of files that hold sound and no film."""
+
+LONGEST_SOUND = 3600.0  # [s], which at 48 kHz takes two gigabytes while it is evaluated
 
 LOSSLESS = ("pcm", "flac", "alac", "wavpack")
 
@@ -35,9 +39,11 @@ def is_sound(path: Path) -> bool:
 def has_sound(path: Path) -> bool:
     """Whether a file holds a sound track that can be opened."""
     try:
-        with av.open(str(path)) as container:
-            return len(container.streams.audio) > 0
-    except (av.FFmpegError, OSError):
+        with open_container(path) as container:
+            return any(stream.codec_context is not None for stream in container.streams.audio)
+    except MemoryError:
+        raise
+    except (av.FFmpegError, OSError, UnreadableMedia):
         return False
 
 
@@ -49,19 +55,27 @@ def read_sound(path: Path) -> Sound:
     if not path.exists():
         raise UnreadableMedia(f"{path}: no such file; give a sound recording or a film with sound.")
     try:
-        with av.open(str(path)) as container:
+        with open_container(path) as container:
             if not container.streams.audio:
                 raise UnreadableMedia(f"{path}: the file has no sound track.")
             stream = container.streams.audio[0]
+            if stream.codec_context is None:
+                raise UnreadableMedia(f"{path}: FFmpeg has no decoder for its sound; save it as WAV.")
             resampler = av.AudioResampler(format="flt", layout="mono")
             lossy = not stream.codec_context.name.startswith(LOSSLESS)
-            parts, start, rate = [], None, float(stream.rate)
+            parts, start, rate, kept = [], None, float(stream.rate or 0), 0
             for frame in container.decode(stream):
                 start = frame.time if start is None else start
                 parts += [each.to_ndarray().ravel() for each in resampler.resample(frame)]
+                if (kept := kept + frame.samples) > LONGEST_SOUND * rate:
+                    raise UnreadableMedia(
+                        f"{path}: has more than {LONGEST_SOUND / 60:.0f} minutes of sound; cut the impacts out of it."
+                    )
             parts += [each.to_ndarray().ravel() for each in resampler.resample(None)]
-    except (av.FFmpegError, OSError) as error:
-        raise UnreadableMedia(f"{path}: the sound cannot be decoded ({error}).") from None
+    except (UnreadableMedia, MemoryError):
+        raise
+    except Exception as error:  # FFmpeg's, and PyAV's own at streams that it does not expect
+        raise UnreadableMedia(f"{path}: the sound cannot be decoded ({reason(error)}).") from None
     if not parts or not rate > 0:
         raise UnreadableMedia(f"{path}: the sound track is empty.")
     return Sound(np.concatenate(parts).astype(np.float64), rate, float(start or 0.0), lossy)

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from rigtwin.lab.camera import Camera, Lens
 from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.lab.input_files import why_not_ordinary
 
+SMALLEST_REGION = 8  # [px], sides of what is searched; filters over a picture of fewer find no grain in it
 SMALLEST = 5  # [px], minimum width and height
 
 
@@ -15,6 +17,14 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
     outside = f"outside the picture of {width} x {height} px."
     if camera.region is not None and (camera.region[0] >= width or camera.region[1] >= height):
         raise BadInput(f"{path}: --region begins at {camera.region[0]:g},{camera.region[1]:g}, {outside}")
+    if camera.region is not None:
+        x, y, wide, tall = camera.region
+        wide, tall = min(x + wide, width) - max(x, 0), min(y + tall, height) - max(y, 0)
+        if min(wide, tall) < SMALLEST_REGION:
+            raise BadInput(
+                f"{path}: --region shows {max(wide, 0):g} x {max(tall, 0):g} px of the picture, at least "
+                f"{SMALLEST_REGION} x {SMALLEST_REGION} px are needed; give a larger one."
+            )
     for option, (x, y) in camera.places():
         if not (-1 <= x <= width and -1 <= y <= height):
             place = f"the row {y:g}" if option == "--floor" else f"a point at {x:g},{y:g}"
@@ -48,5 +58,7 @@ def must_exist(path: Path, kind: str) -> None:
         if kind == "video":
             return  # of numbered pictures
         raise UnreadableMedia(f"{path}: is a folder, not a {kind}; give the file itself.")
+    if why := why_not_ordinary(path):
+        raise UnreadableMedia(f"{path}: {why}; give the {kind} itself.")
     if path.stat().st_size == 0:
         raise UnreadableMedia(f"{path}: is empty (0 bytes); copy the {kind} again.")

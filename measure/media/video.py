@@ -83,6 +83,8 @@ class Video:
                     yield Frame(index, float(self.times[index]), grey, in_colour)
                 if index == last:
                     return  # a damaged rest of the file is not read
+        except MemoryError:
+            raise
         except av.FFmpegError:
             pass
         raise self._damaged(index)
@@ -108,6 +110,8 @@ class Video:
         try:
             for index, (grey, in_colour) in zip(wanted, self.source.at(wanted), strict=False):
                 found.append(Frame(index, float(self.times[index]), grey, in_colour))
+        except MemoryError:
+            raise
         except av.FFmpegError:
             pass
         if len(found) < len(wanted):

@@ -12,6 +12,7 @@ from typing import Any
 import av
 
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.media.container import open_container
 from rigtwin.measure.media.pictures import (
     CUT_OFF,
     DEEP_GREY,
@@ -39,10 +40,12 @@ class Film:
         self.path = path
         self._reel = _Reel(path)
         try:
-            with av.open(str(path)) as container:
+            with open_container(path) as container:
                 if not container.streams.video:
                     raise UnreadableMedia(f"{path}: holds no video; give a clip that a video player shows.")
                 stream = container.streams.video[0]
+                if stream.codec_context is None:
+                    raise UnreadableMedia(f"{path}: FFmpeg has no decoder for its pictures; save the clip as H.264.")
                 self.rate = float(stream.average_rate or 0)
                 self.tick = float(stream.time_base or 0)
                 self.squeeze = float(stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or 1)
@@ -53,7 +56,9 @@ class Film:
                 self.shift, notes = bit_shift(each.to_ndarray() for each in islice(self._reel.pictures(), HEAD))
                 self.notes += notes
             first, _colour = self._shown(head)
-        except (av.FFmpegError, StopIteration) as error:
+        except (UnreadableMedia, MemoryError):  # av.error.MemoryError is one
+            raise
+        except Exception as error:  # FFmpeg's, and PyAV's own at metadata and streams that it does not expect
             advice = (
                 "its end with the index is missing: the recording or the copy was broken off; copy it again"
                 if breaks_off(path)
@@ -90,6 +95,8 @@ class Film:
                     packets.append(packet.pts)
                     keys += [packet.pts] if packet.is_keyframe else []
                     sound = sound and not packet.is_corrupt
+        except MemoryError:
+            raise
         except av.FFmpegError:
             sound = False
         known = [stamp for stamp in packets if stamp is not None]
@@ -114,6 +121,8 @@ class Film:
             for picture in self._reel.pictures():
                 stamps.append(None if picture.pts is None else picture.pts * self.tick)
                 interlaced.append(picture.interlaced_frame)
+        except MemoryError:
+            raise
         except av.FFmpegError:
             if len(stamps) < 3:
                 raise

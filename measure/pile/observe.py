@@ -20,6 +20,7 @@ from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
+from rigtwin.measure.media.picture_size import header_of
 from rigtwin.measure.pile import repose_angles
 from rigtwin.measure.pile.base_disc import FOCAL_UNCERTAINTY
 from rigtwin.measure.pile.checks import (
@@ -148,16 +149,16 @@ def observe_photo(
 
 def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:
     """Focal length [px] from the EXIF 35 mm equivalent, which refers to the picture's diagonal (CIPA DCG-001)."""
-    from PIL import Image, UnidentifiedImageError
-
     try:
-        with Image.open(photo) as file:
-            equivalent = file.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM)
-    except (UnidentifiedImageError, Image.DecompressionBombError):  # a format or size that only OpenCV reads
+        with header_of(photo) as file:
+            equivalent = float(file.getexif().get_ifd(EXIF_IFD).get(FOCAL_LENGTH_35MM) or 0)
+    except MemoryError:
+        raise
+    except Exception:  # a format that only OpenCV reads, or damaged metadata
         return None
-    if not equivalent:
+    if not (math.isfinite(equivalent) and equivalent > 0):
         return None
-    return float(equivalent) / FULL_FRAME_DIAGONAL * math.hypot(*image.shape[:2])
+    return equivalent / FULL_FRAME_DIAGONAL * math.hypot(*image.shape[:2])
 
 
 def _scale(

@@ -134,7 +134,8 @@ def export(
     if particle.shape is not None:
         raise BadInput(f"{particle.name}: is a clump of spheres; only single spheres are exported.")
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
-    step, warnings = time_step([soft], time_step_fraction, forced=forced)
+    least = min(between.restitution, at_wall.restitution)
+    step, warnings = time_step([soft], time_step_fraction, forced=forced, restitution=least)
     return Export(
         code,
         soft,

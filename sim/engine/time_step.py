@@ -9,15 +9,17 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 
 USUAL, DOUBTFUL, UNSTABLE = 0.30, 0.40, 0.80  # fractions of Rayleigh's time step
+SPRINGS_DECIDE = 0.05  # restitution; above it beds of 500 beads are stable at 0.3 of Rayleigh's step
 LEAST = 1e-3  # fraction; contacts gain no accuracy below 0.01, and a run would take days
 
 
 def time_step(
-    particles: Sequence[Particle], fraction: float = USUAL, *, forced: bool = False
+    particles: Sequence[Particle], fraction: float = USUAL, *, forced: bool = False, restitution: float = 1.0
 ) -> tuple[float, tuple[str, ...]]:
     """Time step [s] as a fraction of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7), and warnings about it.
 
-    An unstable step raises `BadInput` unless it is `forced`.
+    An unstable step raises `BadInput` unless it is `forced`.  The lowest `restitution` of the contacts makes it shorter
+    where the dashpots and not the springs decide which step is stable (`dashpot_factor`).
     """
     if not (math.isfinite(fraction) and fraction > 0):
         raise BadInput(f"time_step_fraction must be a positive number, got {fraction:g}.")
@@ -37,7 +39,37 @@ def time_step(
         if fraction > UNSTABLE:
             why = f"above {UNSTABLE:.0%} contacts gain spurious energy"
         warnings = (f"the time step is {100 * fraction:g}% of Rayleigh's; {why}",)
+    longest = dashpot_factor(restitution) * USUAL
+    if restitution < SPRINGS_DECIDE and fraction > longest and not forced:
+        fraction = longest
+        warnings = (
+            f"the time step is {100 * fraction:.3g}% of Rayleigh's, because the dashpots of a restitution of "
+            f"{restitution:g} are unstable with a longer one",
+        )
     return fraction * min(particle.rayleigh_time_step for particle in particles), warnings
+
+
+def dashpot_factor(restitution: float) -> float:
+    """Factor on the time step for a contact of low restitution; 1 from `SPRINGS_DECIDE` upwards.
+
+    Notes
+    -----
+    A spring of frequency w with a dashpot of damping ratio psi is stable under symplectic Euler steps of at most
+    2 (sqrt(1 + psi^2) - psi) / w.  The factor is that limit over the limit at `SPRINGS_DECIDE`.
+
+    Examples
+    --------
+    >>> dashpot_factor(0.5), round(dashpot_factor(0.01), 2)
+    (1.0, 0.43)
+    """
+    return 1.0 if restitution >= SPRINGS_DECIDE else _stable(restitution) / _stable(SPRINGS_DECIDE)
+
+
+def _stable(restitution: float) -> float:
+    from rigtwin.sim.engine.contact import damping_ratio  # with Taichi, which takes a second to import
+
+    psi = damping_ratio(restitution)
+    return math.sqrt(1 + psi**2) - psi
 
 
 def positive(**values: float) -> None:

@@ -6,10 +6,14 @@ are float32, with a resolution of 1e-7 of the size of the rig.
 
 from __future__ import annotations
 
+import errno
+import io
 import math
+import os
 import shutil
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +22,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.output_files import replacing
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.particle_state import Beads
@@ -35,20 +40,50 @@ class Trajectory(ABC):
         self.path = path
         self.part = path.with_name(path.name + ".part")
         self.frames = frames
+        self.broken = False  # a frame could not be written
         path.parent.mkdir(parents=True, exist_ok=True)
 
-    @abstractmethod
     def add(self, beads: Beads, time: float, step: int) -> None:
-        """Add the state at `time` [s], after `step` steps."""
+        """Add the state at `time` [s], after `step` steps.  Raises `OSError` naming the file if the disk is full."""
+        with self._whole():
+            self._append(beads, time, step)
+            self.frames += 1
+
+    @abstractmethod
+    def _append(self, beads: Beads, time: float, step: int) -> None:
+        """Write a frame to the disk."""
 
     @abstractmethod
     def _finish(self) -> None:
         """Write pending data and close the file."""
 
     def close(self) -> None:
-        """Close the file and give it its final name; an existing file is replaced."""
-        self._finish()
+        """Close the file and give it its final name; an existing file is replaced.
+
+        A file that could not be written to its end is removed: its index does not fit what is in it.
+        """
+        if self.broken:
+            with suppress(OSError, RuntimeError):
+                self._finish()
+            self.part.unlink(missing_ok=True)
+            return
+        try:
+            with self._whole():
+                self._finish()
+        except OSError:
+            self.part.unlink(missing_ok=True)
+            raise
         self.part.replace(self.path)
+
+    @contextmanager
+    def _whole(self) -> Iterator[None]:
+        """Note that a frame could not be written; what a library raises then becomes an error that names the file."""
+        try:
+            yield
+        except (OSError, RuntimeError) as error:
+            self.broken = True
+            number = error.errno if isinstance(error, OSError) and error.errno else errno.ENOSPC
+            raise OSError(number, os.strerror(number), str(self.path)) from error
 
 
 def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, frames: int = 0) -> Trajectory:
@@ -70,7 +105,7 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
         return FORMATS[path.suffix](path, kinds, domain, frames)
     except (OSError, RuntimeError, KeyError, EOFError) as trouble:
         part.with_name(part.name + ".cut").unlink(missing_ok=True)
-        if copied:  # a copy left behind would be taken for that of an interrupted run
+        if copied or not frames:  # what is left behind would be taken for that of an interrupted run
             part.unlink(missing_ok=True)
         broken = part if part.exists() else path
         raise BadInput(
@@ -109,7 +144,7 @@ class Gsd(Trajectory):
                     new.append(old[k])
         shorter.replace(self.part)
 
-    def add(self, beads: Beads, time: float, step: int) -> None:
+    def _append(self, beads: Beads, time: float, step: int) -> None:
         frame = self._frame()
         frame.configuration.step = step
         frame.configuration.box = self._box
@@ -127,10 +162,84 @@ class Gsd(Trajectory):
         frame.log["time_s"] = np.array([time])
         self._file.append(frame)
         self._file.flush()
-        self.frames += 1
 
     def _finish(self) -> None:
         self._file.close()
+
+
+class Disk(io.RawIOBase):
+    """A file that HDF5 writes, with errors kept until they are asked for.
+
+    HDF5 cannot close a file that it failed to write: the process ends with a segmentation fault.  After an error
+    nothing more is written, HDF5 sees no error, and `check` raises the error.
+    """
+
+    def __init__(self, path: Path, *, keep: bool) -> None:
+        self._file = path.open("r+b" if keep else "w+b", buffering=0)
+        self._error: OSError | None = None
+        self._place = self._end = 0
+
+    def check(self) -> None:
+        """Raise the first error of writing."""
+        if self._error is not None:
+            raise self._error
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        if self._error is None:
+            self._place = self._file.seek(offset, whence)
+            self._end = max(self._end, self._place)
+        else:  # where HDF5 believes to be
+            self._place = offset + (0, self._place, self._end)[whence]
+        return self._place
+
+    def tell(self) -> int:
+        return self._place
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer).cast("B")
+        self._file.seek(self._place)
+        count = self._file.readinto(view) or 0
+        view[count:] = bytes(len(view) - count)
+        self._place += len(view)
+        return len(view)
+
+    def write(self, data: Any) -> int:
+        view = memoryview(data).cast("B")
+        done = 0
+        while self._error is None and done < len(view):
+            try:
+                done += self._file.write(view[done:]) or 0
+            except OSError as error:
+                self._error = error
+        self._place += len(view)
+        self._end = max(self._end, self._place)
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        end = self._place if size is None else size
+        if self._error is None:
+            try:
+                self._file.truncate(end)
+            except OSError as error:
+                self._error = error
+        self._end = end
+        return end
+
+    def flush(self) -> None:
+        """Nothing waits to be written."""
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
 
 
 class VtkHdf(Trajectory):
@@ -153,15 +262,25 @@ class VtkHdf(Trajectory):
         import h5py
 
         super().__init__(path, frames)
-        self._file: Any = h5py.File(self.part, "r+" if frames else "w")
-        if frames:
-            try:
+        self._disk = Disk(self.part, keep=frames > 0)
+        try:
+            self._file: Any = h5py.File(self._disk, "r+" if frames else "w")
+        except BaseException:
+            self._disk.close()
+            raise
+        try:
+            if frames:
                 self._cut(frames)
-            except BaseException:
-                self._file.close()
-                raise
-        else:
-            self._lay_out()
+            else:
+                self._lay_out()
+            self._file.flush()
+            self._disk.check()
+        except BaseException:
+            self._file.close()
+            self._disk.close()
+            if not frames:
+                self.part.unlink(missing_ok=True)
+            raise
 
     def _lay_out(self) -> None:
         root = self._file.create_group("VTKHDF")
@@ -205,7 +324,7 @@ class VtkHdf(Trajectory):
             for name in ("NumberOfCells", "NumberOfConnectivityIds"):
                 root[cells][name].resize(frames, axis=0)
 
-    def add(self, beads: Beads, time: float, step: int) -> None:
+    def _append(self, beads: Beads, time: float, step: int) -> None:
         root = self._file["VTKHDF"]
         steps = root["Steps"]
         count, before = len(beads.ident), len(root["Points"])
@@ -227,12 +346,14 @@ class VtkHdf(Trajectory):
             rows = beads.ident if name == "grain" and beads.grain is None else getattr(beads, name)
             _append(root["PointData"][name], rows)
             _append(steps["PointDataOffsets"][name], [before])
-        self.frames += 1
-        steps.attrs["NSteps"] = np.int64(self.frames)
+        steps.attrs["NSteps"] = np.int64(self.frames + 1)
         self._file.flush()
+        self._disk.check()
 
     def _finish(self) -> None:
         self._file.close()
+        self._disk.close()
+        self._disk.check()
 
 
 FORMATS: dict[str, type[Gsd | VtkHdf]] = {".gsd": Gsd, ".vtkhdf": VtkHdf}
@@ -273,9 +394,8 @@ def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]
     lines += [f"POINTS {len(corners)} double", *(f"{x:.9g} {y:.9g} {z:.9g}" for x, y, z in corners)]
     lines += [f"POLYGONS {count} {4 * count}", *(f"3 {3 * k} {3 * k + 1} {3 * k + 2}" for k in range(count))]
     lines += [f"CELL_DATA {count}", "SCALARS wall int 1", "LOOKUP_TABLE default", *map(str, wall), ""]
-    part = path.with_name(path.name + ".part")
-    part.write_text("\n".join(lines), encoding="ascii")
-    part.replace(path)
+    with replacing(path) as part:
+        part.write_text("\n".join(lines), encoding="ascii")
 
 
 def triangles(shape: Shape, domain: tuple[Array, Array]) -> Array:

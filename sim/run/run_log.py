@@ -6,6 +6,7 @@ import copy
 import math
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import SimulationFailed
+from rigtwin.lab.output_files import claimed_file
 from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.output.trajectory import Trajectory, begin, write_walls
 
@@ -85,6 +87,7 @@ class Logbook:
         self._checkpoint: Checkpoint | None = None
         if checkpoint is not None:
             self._checkpoint = Checkpoint(checkpoint, settings, checkpoint_interval)
+        self._claims = ExitStack()  # of the files that this run writes
         self._film_path = trajectory
         self._film: Trajectory | None = None
         self._added = 0  # beads whose energy is included in the balance
@@ -213,11 +216,23 @@ class Logbook:
         return tuple(warnings)
 
     def __enter__(self) -> Logbook:
+        kept = None if self._checkpoint is None else self._checkpoint.path
+        paths = {"--checkpoint": kept, "--trajectory": self._film_path}
+        with ExitStack() as claims:
+            for option, path in paths.items():
+                if path is not None:
+                    why = f"{path}: another run is writing it; wait for that one, or give {option} another name."
+                    claims.enter_context(claimed_file(path, why))
+            self._claims = claims.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        with self._claims:
+            self._end(kind, error)
+
+    def _end(self, kind: type[BaseException] | None, error: BaseException | None) -> None:
         # frames written before a failure help to find its cause, so the file is closed under its name in that case, too
         if self._film is not None:
             if kind is None and self._moved:

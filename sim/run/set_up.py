@@ -94,7 +94,8 @@ class Bench:
     def time_step(self) -> tuple[float, tuple[str, ...]]:
         """Time step [s] and warnings about it."""
         fraction, forced = self.numerics.get("time_step_fraction", USUAL), self.numerics.get("forced", False)
-        return time_step([self.soft], fraction, forced=forced)
+        lowest = min(self.contact.restitution, self.wall_contact.restitution)
+        return time_step([self.soft], fraction, forced=forced, restitution=lowest)
 
     @property
     def fastest(self) -> float:
@@ -174,7 +175,7 @@ class Bench:
         return {
             "contact_law": linear if self.contact_law == "linear" else self.contact_law,
             "stiffness_factor": f"{self.stiffness_factor:g} of the real Young's moduli of beads and walls",
-            "time_step": f"{100 * self.numerics.get('time_step_fraction', USUAL):g}% of Rayleigh's",
+            "time_step": f"{100 * self.time_step()[0] / self.soft.rayleigh_time_step:g}% of Rayleigh's",
             "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead"
             + (", R from a contact to the centre of mass" if self.rolling != "type C" else ""),
             **effects,

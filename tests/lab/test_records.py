@@ -114,5 +114,5 @@ def test_a_file_that_is_missing_or_no_text_is_refused(tmp_path, content):
 
 
 def test_a_folder_in_place_of_a_table_is_refused(tmp_path):
-    with pytest.raises(BadInput, match="directory"):
+    with pytest.raises(BadInput, match="is a folder"):
         read_profile(tmp_path)

@@ -22,6 +22,7 @@ from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
+from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, DropSettings, PendulumSettings
@@ -39,9 +40,11 @@ GEOMETRY = {  # key under [uncertainty] -> name in a lab.json, and factor from S
 }
 
 
-def tracked_lab(path: Path, only: Sequence[str] = (), progress: Progress = silent) -> TrackedLab:
+def tracked_lab(
+    path: Path, only: Sequence[str] = (), progress: Progress = silent, *, allow_outside: bool = False
+) -> TrackedLab:
     """The drops of a lab, or its pendulums of one kind, as a tracked lab.  Raises `BadInput`."""
-    lab = read_lab(path)
+    lab = read_lab(path, allow_outside=allow_outside)
     chosen = _chosen(lab, only)
     rig, wall = _kind(chosen[0])
     others = [one.id for one in chosen if _kind(one) != (rig, wall)]
@@ -108,14 +111,15 @@ def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -
     """One repetition in the axes of a lab.json."""
     if is_table(views[0]):
         camera, direction = experiment.camera, by_fall if rig == "drop" else by_swing
-        found = read_bodies(
-            views[0],
-            experiment.table,
-            scale=camera.given_scale,
-            frame_rate=camera.frame_rate,
-            direction=direction,
-            only_height=rig == "drop",
-        ).in_metres(views[0])
+        with unquoted(views[0], outside=views[0] in experiment.outside):
+            found = read_bodies(
+                views[0],
+                experiment.table,
+                scale=camera.given_scale,
+                frame_rate=camera.frame_rate,
+                direction=direction,
+                only_height=rig == "drop",
+            ).in_metres(views[0])
         return _upon_the_plate(found, views[0], experiment) if rig == "drop" else found
     measured = measure_repetition(experiment, views, None)
     if isinstance(measured, Failure):

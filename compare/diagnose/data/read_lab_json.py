@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -25,6 +26,8 @@ from rigtwin.compare.diagnose.data.tracked_lab import (
 )
 from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadLabFile
+from rigtwin.lab.file.lab_file import OUTSIDE
+from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, unquoted, why_not_ordinary
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
@@ -66,11 +69,18 @@ TABLES = ("walls", "rig_geometry")
 
 FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s] (speed of a fall from 180 m)
 
+MOST_REPETITIONS = 10_000  # of one condition; a count that was meant to be smaller
+
+PLACEHOLDER = re.compile(r"(?:[^%]|%%)*%(?:0?[1-9])?d(?:[^%]|%%)*", re.DOTALL)  # one number of at most nine digits
+
 LARGEST = 1e300  # largest accepted magnitude of any number, near the limit of a float
 
 
-def read_tracked_lab(path: Path) -> TrackedLab:
-    """Read the lab.json of a folder, or at this path, and its track files.  Raises `BadLabFile`."""
+def read_tracked_lab(path: Path, *, allow_outside: bool = False) -> TrackedLab:
+    """Read the lab.json of a folder, or at this path, and its track files.  Raises `BadLabFile`.
+
+    With `allow_outside` track files may lie outside the folder of the lab.json.
+    """
     file = path / "lab.json" if path.is_dir() else path
     document = _document(file)
     rig = _text(document, "rig", file)
@@ -82,7 +92,9 @@ def read_tracked_lab(path: Path) -> TrackedLab:
     gravity = _number({"gravity_m_s2": GRAVITY, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     geometry = document.get("rig_geometry", {})
-    conditions = () if rig in BULK else tuple(_condition(document, raw, file, rig) for raw in raw_conditions)
+    conditions = (
+        () if rig in BULK else tuple(_condition(document, raw, file, rig, allow_outside) for raw in raw_conditions)
+    )
     free = [one.name for one in conditions if not one.wall]
     if rig == "pendulum" and 0 < len(free) < len(conditions):
         striking = next(one.name for one in conditions if one.wall)
@@ -138,14 +150,14 @@ def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
 
 
 def _document(file: Path) -> dict[str, Any]:
-    try:
-        document = json.loads(file.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
+    if why_not_ordinary(file) == "no such file":
         raise BadLabFile(
             f"{file}: no such file; give a folder with a lab.json of tracked repetitions, or with a lab.toml."
-        ) from None
-    except OSError as error:
-        raise BadLabFile(f"{file}: cannot be read ({error.strerror}); check the path and its permissions.") from None
+        )
+    try:
+        advice = "check the path and its permissions"
+        content = read_bytes(file, advice=advice, largest=LARGEST_NOTES, refuse=BadLabFile)
+        document = json.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise BadLabFile(f"{file}: is not UTF-8 text; save the file as UTF-8.") from None
     except (ValueError, RecursionError) as error:
@@ -242,7 +254,7 @@ def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
     )
 
 
-def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> Condition:
+def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str, allow_outside: bool) -> Condition:
     if not isinstance(raw, dict):
         raise BadLabFile(f"{file}: conditions: each must be a table with a name.")
     name = _text(raw, "name", file)
@@ -252,13 +264,16 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
     count = raw["repetitions"]
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         raise BadLabFile(f"{file}: condition {name}: repetitions: {count!r} is not a whole number of at least 1.")
+    if count > MOST_REPETITIONS:
+        raise BadLabFile(
+            f"{file}: condition {name}: repetitions: {count} is more than the {MOST_REPETITIONS} that are read."
+        )
     pattern = _pattern(raw, name)
-    try:
-        first = pattern % 1
-    except (TypeError, ValueError):
+    if not PLACEHOLDER.fullmatch(pattern):
         raise BadLabFile(
             f"{file}: condition {name}: files: {pattern!r} has no placeholder for a number; write 'rep%02d.csv'."
-        ) from None
+        )
+    first = pattern % 1
     common = {key: value for key, value in document.get("rig_geometry", {}).items() if key in SETTINGS}
     settings = common | {key: value for key, value in raw.items() if key not in ("name", "files", "repetitions")}
     if rig == "roll" and not {"incline_angle_deg", "push_speed_m_s"} & settings.keys():
@@ -270,7 +285,11 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str) -> C
     files = []
     for number in range(1, count + 1):  # lazily: a mistyped count may be huge
         files.append(one := pattern % number)
-        repetition = read_tracks(file.parent / one)
+        outside = lies_outside(file.parent / one, file.parent)
+        if outside and not allow_outside:
+            raise BadLabFile(f"{file}: condition {name}: files: {file.parent / one} {OUTSIDE}")
+        with unquoted(file.parent / one, outside=outside):
+            repetition = read_tracks(file.parent / one)
         _check(repetition, file.parent / one, rig)
         tracks.append(on_the_bench(rig, repetition))
         bodies, others = ({track.body for track in each} for each in (tracks[-1], tracks[0]))

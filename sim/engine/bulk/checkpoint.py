@@ -5,18 +5,22 @@ A run resumed from its checkpoint gives the same bits as an uninterrupted one, o
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
+import math
 import os
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZIP_STORED, BadZipFile, ZipFile
 
 import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.version import __version__
 from rigtwin.sim.engine.backend import ti
 from rigtwin.sim.engine.bulk import table_layout as at
@@ -77,6 +81,8 @@ def write_arena(arena: Arena, state: State) -> None:
         whole, part = np.zeros_like(field.to_numpy()), state.get(name)
         if (
             part is None
+            or part.dtype != whole.dtype
+            or not np.all(np.isfinite(part))
             or part.ndim != whole.ndim
             or not all(
                 length == full or (length < full and full in cut)
@@ -121,15 +127,13 @@ class Checkpoint:
     def write(self, course: Mapping[str, Any], state: State, now: float) -> None:
         """Replace the file by this state at the simulated time `now` [s]; `course` is the rest, as JSON data."""
         words = json.dumps({"settings": self._settings, "course": course, "time_s": now})
-        part = self.path.with_name(self.path.name + ".part")
+        digest = _digest(words, state)
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with part.open("wb") as file:
+            with replacing(self.path) as part, part.open("wb") as file:
                 arrays: dict[str, Any] = {f"state_{name}": array for name, array in state.items()}
-                np.savez(file, words=np.array(words), **arrays)
+                np.savez(file, words=np.array(words), digest=np.array(digest), **arrays)
                 file.flush()
                 os.fsync(file.fileno())
-            part.replace(self.path)
         except OSError as trouble:
             raise BadInput(
                 f"The checkpoint {self.path} cannot be written ({trouble.strerror}); name another place."
@@ -145,16 +149,21 @@ class Checkpoint:
         if not self.path.exists():
             return None
         try:
-            with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-                words = json.loads(str(file["words"]))
-                state = {name.removeprefix("state_"): file[name] for name in file.files if name != "words"}
-            settings, course, now = words["settings"], words["course"], words["time_s"]
-        except (OSError, ValueError, KeyError, EOFError, TypeError, BadZipFile):
+            written, digest, state = _members(self.path)
+            words = json.loads(written)
+            settings, course, now = words["settings"], words["course"], float(words["time_s"])
+        except (OSError, ValueError, LookupError, EOFError, TypeError, NotImplementedError, BadZipFile, RecursionError):
             raise BadInput(f"{self.path} is not a checkpoint of rigtwin, or is damaged; name another file.") from None
         if settings != self._settings:
             raise BadInput(
                 f"The checkpoint {self.path} belongs to another run ({_difference(settings, self._settings)}); "
                 "name another file, or delete it to begin anew."
+            )
+        if not digest:
+            raise BadInput(f"The checkpoint {self.path} was written by an earlier rigtwin; delete it or name another.")
+        if digest != _digest(written, state):
+            raise BadInput(
+                f"The checkpoint {self.path} does not hold what was written into it; delete it or name another file."
             )
         self.kept_at = now
         return course, state
@@ -163,10 +172,46 @@ class Checkpoint:
 def kept_time(path: Path) -> float | None:
     """Simulated time [s] of the checkpoint in this file; None if it holds none."""
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            return float(json.loads(str(file["words"]))["time_s"])
-    except (OSError, ValueError, KeyError, EOFError, TypeError, IndexError, BadZipFile):
+        with ZipFile(path) as file:
+            return float(json.loads(str(_array(file, "words.npy")))["time_s"])
+    except (OSError, ValueError, LookupError, EOFError, TypeError, NotImplementedError, BadZipFile, RecursionError):
         return None  # a damaged file is reported when the run reads it
+
+
+def _members(path: Path) -> tuple[str, str, State]:
+    """Words, digest and arrays of a checkpoint.  Raises `ValueError` and others if it is none."""
+    with ZipFile(path) as file:
+        names = [name.removesuffix(".npy") for name in file.namelist()]
+        if len(set(names)) != len(names):
+            raise ValueError("a member stands there twice")
+        arrays = {name: _array(file, f"{name}.npy") for name in names}
+    words, digest = str(arrays.pop("words")), str(arrays.pop("digest", ""))
+    return words, digest, {name.removeprefix("state_"): array for name, array in arrays.items()}
+
+
+def _array(file: ZipFile, name: str) -> npt.NDArray[Any]:
+    """An array of a checkpoint, stored as it is: one that states to be larger than the file takes no memory."""
+    about = file.getinfo(name)
+    if about.compress_type != ZIP_STORED or about.file_size != about.compress_size:
+        raise ValueError(f"{name} is compressed")
+    with file.open(about) as member:
+        stored = io.BytesIO(member.read())  # checks the sum of the member
+    version = np.lib.format.read_magic(stored)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, in_columns, kind = read(stored)
+    if kind.hasobject or math.prod(shape) * kind.itemsize != about.file_size - stored.tell():
+        raise ValueError(f"{name} has another size than it states")
+    values = np.frombuffer(stored.getvalue(), kind, offset=stored.tell())
+    return values.reshape(shape, order="F" if in_columns else "C")
+
+
+def _digest(words: str, state: State) -> str:
+    """Checksum of all that is in a checkpoint."""
+    found = hashlib.sha256(words.encode())
+    for name, array in sorted(state.items()):
+        found.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()
 
 
 def _difference(there: Any, here: Any, name: str = "") -> str:

@@ -7,6 +7,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -403,3 +404,50 @@ def test_clumps_under_type_a_do_not_resume_from_a_checkpoint_with_the_old_lever(
 
 def test_clumps_under_type_c_resume_from_an_old_checkpoint(pellets_of_before):
     assert pellets(checkpoint=pellets_of_before("type C"), rolling="type C").asked == 20
+
+
+@pytest.fixture
+def members(tmp_path, broken_off) -> dict[str, np.ndarray]:
+    broken_off(heap, 6, checkpoint=tmp_path / "whole.npz", checkpoint_interval=0)
+    with np.load(tmp_path / "whole.npz") as file:
+        return dict(file)
+
+
+def one_bit(array: np.ndarray) -> np.ndarray:
+    stored = bytearray(array.tobytes())
+    stored[len(stored) // 2] ^= 1
+    return np.frombuffer(bytes(stored), array.dtype).reshape(array.shape)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        one_bit,
+        lambda array: array[:-1] if array.ndim else array + 1,
+        lambda array: array.astype(np.float32 if array.dtype != np.float32 else np.float64),
+        lambda array: np.full_like(array, np.nan) if array.dtype.kind == "f" else np.full_like(array, 99),
+    ],
+)
+def test_a_checkpoint_with_other_members_is_refused_whatever_its_checksums(change, members, tmp_path):
+    path = tmp_path / "heap.npz"
+    settings = json.loads(str(members["words"]))["settings"]
+    names = sorted(name for name in members if name.startswith("state_") and members[name].size)
+    for name in names[:: max(1, len(names) // 6)]:
+        np.savez(path, **{**members, name: change(members[name])})
+        with pytest.raises(BadInput, match=r"does not hold what was written|not a checkpoint"):
+            Checkpoint(path, settings, 1).read()
+    np.savez(path, **{name: array for name, array in members.items() if name != names[0]})
+    with pytest.raises(BadInput, match="does not hold what was written"):
+        heap(checkpoint=path)
+
+
+def test_a_checkpoint_that_would_not_fit_into_memory_is_refused_before_it_takes_any(tmp_path):
+    path = tmp_path / "heap.npz"
+    np.savez_compressed(path, words=np.zeros(10**7))
+    with pytest.raises(BadInput, match="not a checkpoint"):
+        Checkpoint(path, {}, 1).read()
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000,), }".ljust(117) + b"\n"
+    with ZipFile(path, "w") as file:
+        file.writestr("words.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(800))
+    with pytest.raises(BadInput, match="not a checkpoint"):
+        Checkpoint(path, {}, 1).read()

@@ -11,6 +11,7 @@ from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.sim.engine.contact import damping_ratio
 from rigtwin.sim.engine.few.few_body import Body, run, run_halved
+from rigtwin.sim.engine.time_step import dashpot_factor
 from rigtwin.sim.engine.walls.shapes import Cylinder, Disc, Plane, Wall
 
 G = 9.81
@@ -289,3 +290,21 @@ def test_an_unlimited_step_is_refused():
 def test_a_run_that_breaks_down_names_the_body_and_the_time():
     with pytest.raises(RigtwinError, match=r"t = .* s \(body 0\)"):
         run([Body(D6, (0, 0, 1))], np.array([0.1, 1.0]), gravity=(0, 0, 1e9))
+
+
+def test_the_step_of_a_low_restitution_is_stable_for_its_dashpot():
+    """One contact under symplectic Euler steps: free vibration decays with the step, and not with a longer one."""
+    for restitution in (0.05, 0.01, 0.001):
+        psi = damping_ratio(restitution)
+        limit = 2 * (math.sqrt(1 + psi**2) - psi)  # in units of 1 / frequency
+        share = dashpot_factor(restitution)
+        assert share * 2 * (math.sqrt(1 + damping_ratio(0.05) ** 2) - damping_ratio(0.05)) == (pytest.approx(limit))
+        for step, ends in ((0.99 * limit, True), (1.01 * limit, False)):
+            x, v = 1.0, 0.0
+            for _ in range(4000):
+                v -= step * (x + 2 * psi * v)
+                x += step * v
+                if abs(x) > 1e9:
+                    break
+            assert (abs(x) < 1) == ends
+    assert dashpot_factor(0.05) == dashpot_factor(0.9) == 1.0

@@ -1,7 +1,10 @@
 """Trajectories are read back frame by frame; the mesh has the area of the walls; the energy balance closes."""
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import gsd.hoomd
 import h5py
@@ -10,6 +13,7 @@ import pytest
 
 from rigtwin.lab.errors import BadInput, SimulationFailed
 from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.output_files import claimed_file
 from rigtwin.lab.rigs import Pile
 from rigtwin.sim.engine.bulk.bulk import Bulk
 from rigtwin.sim.engine.bulk.particle_state import Beads
@@ -386,3 +390,47 @@ def test_too_large_a_step_shows_as_spurious_energy(fraction, closes):
     run = lone([0, 0, 0.0035], [0, 0, 0.0097], fraction=fraction, contact=Contact(1.0))
     logbook = looked_at(run, max(1, round(6 / fraction)), looks=40)
     assert any("energy budget does not close" in warning for warning in logbook.warnings) == (not closes)
+
+
+FULL_DISK = """
+import resource, sys
+sys.path[:] = {path!r}
+sys.path.insert(0, {tests!r})
+import tests.conftest
+from pathlib import Path
+import numpy as np
+from tests.sim.output.test_trajectory import DOMAIN, some_beads
+from rigtwin.sim.output import trajectory
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+path = Path({file!r})
+film = None
+try:
+    film = trajectory.begin(path, ["D6"], DOMAIN)
+    for k in range(60):
+        film.add(some_beads(400, k), 0.01 * k, k)
+except OSError as error:
+    print("full", error.filename)
+except Exception as error:
+    print("refused", error)
+finally:
+    if film is not None:
+        film.close()
+"""
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("limit", [100, 5_000, 30_000, 200_000])
+def test_a_full_disk_is_named_and_leaves_nothing_behind(suffix, limit, tmp_path):
+    """HDF5 used to end the process with a segmentation fault."""
+    file, root = tmp_path / f"x{suffix}", str(Path(__file__).parents[3])
+    script = FULL_DISK.format(path=sys.path, tests=root, limit=limit, file=str(file))
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(("full", "refused"))
+    assert str(file) in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_runs_do_not_write_one_checkpoint(tmp_path):
+    with claimed_file(tmp_path / "heap.npz", ""), pytest.raises(BadInput, match="another run is writing"):
+        heap(count=2, checkpoint=tmp_path / "heap.npz")

@@ -1,0 +1,125 @@
+"""Open input files: ordinary files only, and none that is larger than what it should hold."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from rigtwin.lab.errors import BadInput, RigtwinError, UnreadableMedia
+
+LARGEST_NOTES = 4 * 2**20  # [bytes], of a lab.toml, lab.json or model.toml: ten thousand experiments
+LARGEST_TABLE = 128 * 2**20  # [bytes], of a table; as text cells it takes about eight times as much memory
+MOST_ROWS = 1_000_000  # of a table: an hour at 240 frames per second; as text cells they take about half a gigabyte
+
+
+def why_not_ordinary(path: Path) -> str:
+    """What keeps a path from being read as a file, in words; empty if nothing does.
+
+    A pipe or a device would be waited for or read without end.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return "no such file"
+    except OSError as error:
+        return (error.strerror or "cannot be read").lower()
+    except ValueError:  # a zero byte in the name
+        return "no such file"
+    if stat.S_ISDIR(mode):
+        return "is a folder"
+    return "" if stat.S_ISREG(mode) else "is a pipe or a device and no file"
+
+
+def must_have_few_rows(path: Path, rows: int) -> None:
+    """Refuse a table of more than `MOST_ROWS`."""
+    if rows > MOST_ROWS:
+        raise BadInput(f"{path}: has {rows} rows, and at most {MOST_ROWS} are read; keep only the rows of the track.")
+
+
+@contextmanager
+def opened(
+    path: Path, *, advice: str, largest: int | None = None, refuse: type[BadInput] = BadInput
+) -> Iterator[BinaryIO]:
+    """Open a file for reading.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    advice : str
+        What to do where it cannot be read, the end of the sentence.
+    largest : int, optional
+        Most bytes that such a file may have.
+    refuse : type of BadInput
+        The error that is raised.
+
+    Yields
+    ------
+    binary file
+        Open for reading, at its beginning.
+
+    Raises
+    ------
+    BadInput
+        The file is missing, no ordinary file, larger than `largest`, or the system refuses to read it.
+    """
+    if why := why_not_ordinary(path):
+        raise refuse(f"{path}: {why}; {advice}.")
+    try:
+        with path.open("rb") as file:
+            if largest is not None and (size := path.stat().st_size) > largest:
+                raise refuse(f"{path}: has {size / 1e6:.0f} MB, and at most {largest / 1e6:.0f} MB are read; {advice}.")
+            yield file
+    except OSError as error:
+        if isinstance(error, RigtwinError) or error.filename not in (None, str(path)):
+            raise
+        raise refuse(f"{path}: {(error.strerror or 'cannot be read').lower()}; {advice}.") from None
+
+
+def read_bytes(path: Path, *, advice: str, largest: int | None = None, refuse: type[BadInput] = BadInput) -> bytes:
+    """The content of a file; the arguments and errors are those of `opened`."""
+    with opened(path, advice=advice, largest=largest, refuse=refuse) as file:
+        return file.read()
+
+
+@contextmanager
+def decoding(path: Path, what: str, advice: str, refuse: type[BadInput] = UnreadableMedia) -> Iterator[None]:
+    """Refuse a file at whose content a library fails; around calls of libraries only.
+
+    Decoders of pictures, films and archives raise errors of every kind at damaged files: assertions, divisions by
+    zero, text that is no text.  What memory or disk lack is no fault of the file and passes through.
+    """
+    try:
+        yield
+    except (RigtwinError, MemoryError):
+        raise
+    except Exception as error:
+        said = " ".join(str(error).split())[:80] or type(error).__name__
+        raise refuse(f"{path}: cannot be decoded as {what} ({said}); {advice}.") from None
+
+
+def lies_outside(path: Path, folder: Path) -> bool:
+    """Whether a file, links followed, lies outside a folder; of a folder of pictures, whether one of them does."""
+    inside = folder.resolve()
+    try:
+        parts = [path, *path.iterdir()] if path.is_dir() else [path]
+        return not all(part.resolve().is_relative_to(inside) for part in parts)
+    except (OSError, RuntimeError, ValueError):  # a circle of links, a name that no file can have
+        return True
+
+
+@contextmanager
+def unquoted(path: Path, *, outside: bool) -> Iterator[None]:
+    """Let refusals of a file outside the lab's folder quote nothing of it."""
+    try:
+        yield
+    except BadInput:
+        if not outside:
+            raise
+        raise BadInput(
+            f"{path}: cannot be used, and lies outside the lab's folder, so nothing of it is quoted here; "
+            "give it to `rigtwin measure` to see why."
+        ) from None

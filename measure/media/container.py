@@ -1,0 +1,69 @@
+"""Open films and sound with FFmpeg (PyAV): local files only, in formats that hold their pictures themselves."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import av
+
+from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.lab.input_files import opened
+from rigtwin.measure.media.picture_size import must_have_room
+
+FORMATS = (
+    "mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "asf", "mpegts", "mpeg", "mpegvideo", "m4v",
+    "h264", "hevc", "ivf", "mjpeg", "flv", "ogg", "cine", "mxf", "nut", "dv", "gif", "apng", "yuv4mpegpipe", "av1",
+    "wav", "w64", "aiff", "flac", "mp3", "aac", "caf", "au",
+)  # fmt: skip
+"""FFmpeg's names of the formats that are read; those of play lists, which open other files, are not among them."""
+
+LISTS = (b"ffconcat version", b"#EXTM3U", b"<MPD", b"[playlist]", b"CWSF")
+"""How play lists begin, or what stands near their beginning."""
+
+SHORT_OF_MEMORY = (errno.ENOMEM, errno.EAGAIN)  # the second one where a decoder's thread cannot begin
+
+HEAD = 512  # [bytes], in which a play list shows itself
+
+
+@contextmanager
+def open_container(path: Path) -> Iterator[Any]:
+    """Open a film or sound recording, and nothing else that its name or its content may ask for.
+
+    Parameters
+    ----------
+    path : Path
+        The file. It is opened as a file even if its name looks like that of a protocol (``tcp:...``, ``10:30.mp4``).
+
+    Yields
+    ------
+    av.container.InputContainer
+        The open container.
+
+    Raises
+    ------
+    UnreadableMedia
+        The file is missing, no ordinary file, a play list, or its pictures are too large.
+    av.FFmpegError
+        FFmpeg cannot read it.
+    MemoryError
+        Memory is short: no fault of the file.
+    """
+    with opened(path, advice="give a clip that a video player shows", refuse=UnreadableMedia) as file:
+        head = file.read(HEAD)
+    if any(mark in head for mark in LISTS):
+        raise UnreadableMedia(f"{path}: is a list that names other files, not a clip; give the clips themselves.")
+    allowed = {"protocol_whitelist": "file", "format_whitelist": ",".join(FORMATS)}
+    try:
+        with av.open(f"file:{path.absolute()}", options=allowed, metadata_errors="replace") as container:
+            for stream in container.streams.video:
+                if stream.codec_context is not None:
+                    must_have_room(path, stream.width, stream.height)
+            yield container
+    except av.FFmpegError as error:
+        if error.errno in SHORT_OF_MEMORY:
+            raise MemoryError from error
+        raise
