@@ -17,6 +17,7 @@ from typing import Annotated, Literal
 import typer
 
 from rigtwin.commands import decks, labs, measure, simulate
+from rigtwin.commands import sweep as sweeping
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
 from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
 from rigtwin.commands.run_command import Work, finished
@@ -104,6 +105,10 @@ def init(
 
 
 app.command(epilog="Example: rigtwin compare my-lab --only drop-D6-steel --out results")(labs.compare)
+app.command(
+    epilog="Example: rigtwin sweep packing --set cylinder_diameter=65mm --wall PMMA --count 800 "
+    "--vary static_friction=0.05..1.5:8 --vary rolling_friction=0.01..0.3:7"
+)(sweeping.sweep)
 app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
 
 

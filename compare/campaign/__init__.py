@@ -5,4 +5,6 @@
 - `runners`: where runs are computed: processes of this machine, Dask workers, jobs of a batch system.
 - `campaign`: runs what a store does not contain yet.
 - `twin_runs`: the twin of a rig as a run.
+- `vary`: parameters that are varied, and designs over them.
+- `sweep`: twins at all points of a design, beside what was measured; `sweep_figures` draws them.
 """

@@ -1,0 +1,224 @@
+"""What a sweep varies: the parameters of particle, contacts, rig and effects, by name, and designs over them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_hints
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.schema import ExperimentEntry, suggestion
+from rigtwin.lab.materials import PARAMETERS, Particle, clumped
+from rigtwin.lab.units import si
+
+if TYPE_CHECKING:
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.file.model_file import Model
+
+Design = Literal["grid", "sobol", "latin"]
+Point = Mapping[str, float]
+"""Values of the varied parameters by name, in SI."""
+
+LEVELS = 5  # of a range in a grid, where none are given
+MOST_POINTS = 10_000  # of a design; more were not meant
+
+OF_PARTICLE = {"diameter": "length", "density": "density", "scale": "number", "youngs_modulus": "pressure"}
+"""Parameters of the particle; `scale` multiplies all its lengths and keeps its mass."""
+
+
+class Setting(NamedTuple):
+    """An experiment under a model."""
+
+    experiment: Experiment
+    model: Model
+
+
+@dataclass(frozen=True)
+class Varied:
+    """A parameter and its values.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter.
+    values : tuple of float
+        Values in SI; of a range the lowest and the highest.
+    levels : int or None
+        Number of levels of a range in a grid; None for a list of values.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    levels: int | None
+
+    @property
+    def grid(self) -> tuple[float, ...]:
+        """The values in a grid."""
+        if self.levels is None:
+            return self.values
+        low, high = self.values
+        return tuple(float(f"{low + (high - low) * k / (self.levels - 1):.12g}") for k in range(self.levels))
+
+
+def parse(text: str, experiment: Experiment) -> Varied:
+    """Read ``static_friction=0.05..1.5:8`` or ``outlet=30mm,40mm``.
+
+    Raises
+    ------
+    BadInput
+        If it is not like this, or the experiment has no such parameter.
+    """
+    name, equals, said = (part.strip() for part in text.partition("="))
+    if not (name and equals and said):
+        raise BadInput(f"--vary: {text!r} is not like static_friction=0.05..1.5:8 or outlet=30mm,40mm.")
+    if name not in (known := names(experiment)) and "." not in name:
+        raise BadInput(
+            f"--vary: a {experiment.rig_name} has no parameter {name!r} that can be varied; {suggestion(name, known)}."
+        )
+    low, dots, rest = said.partition("..")
+    if not dots:
+        values = tuple(_value(name, item.strip(), experiment) for item in said.split(","))
+        return Varied(name, values, None)
+    high, colon, levels = rest.partition(":")
+    if colon and not (levels.strip().isdecimal() and int(levels) >= 2):
+        raise BadInput(f"--vary: {name} has {levels!r} levels; give a whole number of at least 2.")
+    ends = _value(name, low.strip(), experiment), _value(name, high.strip(), experiment)
+    if not ends[0] < ends[1]:
+        raise BadInput(f"--vary: {name} goes from {low.strip()} to {high.strip()}; give the lower value first.")
+    return Varied(name, ends, int(levels) if colon else LEVELS)
+
+
+def names(experiment: Experiment) -> list[str]:
+    """The parameters of an experiment that can be varied, without those of effects."""
+    own = list(PARAMETERS) if experiment.rig.particles_touch else []
+    wall = [] if experiment.wall is None else [f"wall_{name}" for name in PARAMETERS]
+    taken = {field.name for field in fields(experiment.rig)} - {"variant", "hanger"}
+    return [*own, *wall, *OF_PARTICLE, *(name for name in _entry_hints(experiment) if name in taken)]
+
+
+def points(varied: Sequence[Varied], design: Design, number: int | None, seed: int) -> list[Point]:
+    """The points of a design.
+
+    Parameters
+    ----------
+    varied : sequence of Varied
+        Parameters.
+    design : {"grid", "sobol", "latin"}
+        All combinations of levels, a Sobol sequence, or a Latin hypercube (`scipy.stats.qmc`).
+    number : int, optional
+        Number of points of a design that is no grid.
+    seed : int
+        Seed of a design that is no grid.
+
+    Raises
+    ------
+    BadInput
+        If a parameter is given twice, or number and design do not go together.
+    """
+    if twice := {one.name for one in varied if sum(one.name == other.name for other in varied) > 1}:
+        raise BadInput(f"--vary: {min(twice)} is given twice; take one of them out.")
+    if design == "grid":
+        if number is not None:
+            raise BadInput("--points: a grid has as many points as its levels give; leave it out, or give --design.")
+        whole = math.prod(len(one.grid) for one in varied)
+        if whole > MOST_POINTS:
+            raise BadInput(f"--vary: {whole} points; give fewer levels, or --design sobol with --points.")
+        grids = [one.grid for one in varied]
+        return [dict(zip((one.name for one in varied), values, strict=True)) for values in itertools.product(*grids)]
+    if number is None:
+        raise BadInput(f"--points: a {design} design needs their number.")
+    if listed := [one.name for one in varied if one.levels is None]:
+        raise BadInput(f"--vary: {listed[0]} is a list of values; a {design} design needs a range like 0.1..0.5.")
+    from scipy.stats import qmc
+
+    if design == "sobol":
+        sampler = qmc.Sobol(len(varied), rng=seed)
+        unit = sampler.random_base2(max(1, math.ceil(math.log2(number))))[:number]
+    else:
+        unit = qmc.LatinHypercube(len(varied), rng=seed).random(number)
+    scaled = qmc.scale(unit, [one.values[0] for one in varied], [one.values[1] for one in varied])
+    return [dict(zip((one.name for one in varied), map(float, row), strict=True)) for row in scaled]
+
+
+def at(setting: Setting, point: Point) -> Setting:
+    """The experiment and the model at a point.
+
+    Raises
+    ------
+    BadInput
+        If a value is not possible.
+    """
+    experiment, model = setting
+    rig = {field.name for field in fields(experiment.rig)}
+    for name, value in point.items():
+        if "." in name:
+            effect, _, parameter = name.partition(".")
+            known = model.effects.get(effect, {})
+            model = replace(model, effects={**model.effects, effect: {**known, parameter: value}})
+        elif name.removeprefix("wall_") in PARAMETERS:
+            pair = experiment.contacts[0 if name.startswith("wall_") else -1]
+            changed: dict[str, Any] = {name.removeprefix("wall_"): value}
+            model = model.with_contact(*pair, **changed)
+        elif name in OF_PARTICLE:
+            experiment = replace(experiment, particle=_particle(experiment.particle, name, value))
+        elif name in rig:
+            whole = int(value) if isinstance(getattr(experiment.rig, name), int) or name == "count" else value
+            settings: Any = experiment.rig
+            experiment = replace(experiment, rig=replace(settings, **{name: whole}))
+    return Setting(experiment, model)
+
+
+def _particle(particle: Particle, name: str, value: float) -> Particle:
+    if name == "density":
+        return replace(particle, density=value)
+    if name == "youngs_modulus":
+        return replace(particle, material=replace(particle.material, youngs_modulus=value))
+    factor = value if name == "scale" else value / particle.diameter
+    density = particle.effective_density / factor**3 if name == "scale" else particle.density
+    if particle.shape is None:
+        return replace(particle, diameter=particle.diameter * factor, density=density)
+    shape = replace(
+        particle.shape,
+        offsets=tuple((factor * x, factor * y, factor * z) for x, y, z in particle.shape.offsets),
+        radii=tuple(factor * radius for radius in particle.shape.radii),
+        volume=factor**3 * particle.shape.volume,
+        gyration=tuple(factor**2 * one for one in particle.shape.gyration),  # type: ignore[arg-type]
+    )
+    return clumped(particle.name, particle.material, shape, density=density)
+
+
+def _entry_hints(experiment: Experiment) -> dict[str, Any]:
+    """Types of the keys of the experiment's rig in lab.toml."""
+    kinds = {get_args(get_type_hints(kind)["rig"])[0]: kind for kind in get_args(ExperimentEntry)}
+    return get_type_hints(kinds[experiment.rig_name], include_extras=True)
+
+
+def _value(name: str, text: str, experiment: Experiment) -> float:
+    """A value of a parameter in SI."""
+    if "." in name:
+        return _of_effect(name, text)
+    if name.removeprefix("wall_") in PARAMETERS or name in OF_PARTICLE:
+        value = si(text, OF_PARTICLE.get(name, "number"), name=f"--vary {name}")
+        zero_is_possible = name.endswith("friction")
+        if value < 0 or (value == 0 and not zero_is_possible) or (name.endswith("restitution") and value > 1):
+            raise BadInput(f"--vary: {name} cannot be {text}.")
+        return value
+    from pydantic import TypeAdapter, ValidationError
+
+    try:
+        item = int(text) if text.isdecimal() and name in ("count", "bounces") else text
+        return float(TypeAdapter(_entry_hints(experiment)[name]).validate_python(item))
+    except ValidationError as error:
+        raise BadInput(f"--vary: {name}: {str(error.errors()[0]['msg']).removeprefix('Value error, ')}") from None
+
+
+def _of_effect(name: str, text: str) -> float:
+    from rigtwin.sim.effects import named
+
+    effect, _, parameter = name.partition(".")
+    known = [one.name for one in named(effect).parameters]
+    if parameter not in known:
+        raise BadInput(f"--vary: {effect} has no parameter {parameter!r}; {suggestion(parameter, known)}.")
+    return si(text, "number", name=f"--vary {name}")

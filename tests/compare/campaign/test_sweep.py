@@ -1,0 +1,161 @@
+"""Sweeps: parameters by name, designs, tables, figures, and the measured value beside the twins."""
+
+import json
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from rigtwin.cli import run
+from rigtwin.compare.campaign.sweep import stated_setting
+from rigtwin.compare.campaign.twin_runs import quantities_of, simulate, twin_run
+from rigtwin.compare.campaign.vary import at, parse, points
+from rigtwin.compare.twins.matched import twin_of
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.reference import hlosta2020
+
+BED = ["--set", "cylinder_diameter=40mm", "--wall", "PMMA", "--count", "120"]
+
+
+@pytest.fixture
+def bed():
+    return stated_setting("packing", ["cylinder_diameter=40mm", "count=120"], particle="D6", wall="PMMA")
+
+
+def test_a_twin_as_a_run_gives_what_the_twin_itself_gives(bed):
+    experiment, model = bed
+    one = twin_run("one", experiment, model, seed=3)
+    result = simulate(**json.loads(json.dumps(one.settings)))
+    twin = twin_of(experiment, model=model, seed=3, threads=1)
+    known = {(q.quantity, q.method): q.value for q in twin.evaluation.quantities if "view" not in q.detail}
+    found = {(q.quantity, q.method): q.value for q in quantities_of(result)}
+    assert known
+    assert {key: found[key] for key in known} == known
+    assert len(result["profile_1_x"]) == len(result["profile_1_height"]) > 10
+
+
+def test_each_setting_that_decides_a_twin_makes_another_run(bed):
+    experiment, model = bed
+    keys = {twin_run("a", experiment, model, seed=1).key, twin_run("b", experiment, model, seed=1).key}
+    assert len(keys) == 1
+    for point in (
+        {"static_friction": 0.5},
+        {"wall_restitution": 0.5},
+        {"diameter": 5e-3},
+        {"scale": 1.1},
+        {"density": 900.0},
+        {"youngs_modulus": 1e9},
+        {"cylinder_diameter": 0.05},
+        {"cohesion_sjkr.energy_density": 1e4},
+    ):
+        moved = at(bed, point)
+        keys.add(twin_run("a", *moved, seed=1).key)
+        keys.add(twin_run("a", *moved, seed=2).key)
+    assert len(keys) == 17
+
+
+def test_a_scaled_particle_keeps_its_mass_and_its_shape():
+    for name in ("D6", "P6x15"):
+        setting = stated_setting("packing", ["cylinder_diameter=65mm", "count=10"], particle=name, wall="PMMA")
+        before, after = setting.experiment.particle, at(setting, {"scale": 1.1}).experiment.particle
+        assert after.mass == pytest.approx(before.mass)
+        assert after.diameter == pytest.approx(1.1 * before.diameter)
+        assert after.moments == pytest.approx([1.21 * one for one in before.moments])
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("friction=0.1..0.5", "has no parameter 'friction'"),
+        ("static_friction", "is not like"),
+        ("static_friction=0.5..0.1", "the lower value first"),
+        ("static_friction=-1..1", "cannot be -1"),
+        ("restitution=0.5..1.5", "cannot be 1.5"),
+        ("cylinder_diameter=0.5s,1s", "wrong unit"),
+        ("static_friction=0.1..0.5:1", "at least 2"),
+        ("cohesion_sjkr.strength=1..2", "has no parameter 'strength'"),
+        ("nosuch.strength=1..2", "no effect 'nosuch'"),
+    ],
+)
+def test_an_impossible_parameter_is_named(text, why, bed):
+    with pytest.raises(BadInput, match=why):
+        parse(text, bed.experiment)
+
+
+def test_a_grid_has_all_combinations_and_a_space_filling_design_fills_the_ranges(bed):
+    varied = [parse(text, bed.experiment) for text in ("static_friction=0.2..1:3", "density=500kg/m^3,900kg/m^3")]
+    grid = points(varied, "grid", None, 1)
+    assert [tuple(point.values()) for point in grid[:3]] == [(0.2, 500.0), (0.2, 900.0), (0.6, 500.0)]
+    assert len(grid) == 6
+    ranges = [parse(text, bed.experiment) for text in ("static_friction=0.2..1", "density=500kg/m^3..900kg/m^3")]
+    for design in ("sobol", "latin"):
+        found = pd.DataFrame(points(ranges, design, 16, 7))
+        assert len(found) == 16
+        assert found["static_friction"].between(0.2, 1).all()
+        assert sorted((found["density"] - 500) // 25) == list(range(16)), design
+    with pytest.raises(BadInput, match="needs a range"):
+        points(varied, "sobol", 4, 1)
+    with pytest.raises(BadInput, match="needs their number"):
+        points(ranges, "latin", None, 1)
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_sweep_of_a_rig_writes_a_table_and_a_heat_map_and_runs_nothing_twice(tmp_path, capsys, monkeypatch):
+    vary = ["--vary", "static_friction=0.1..0.8:2", "--vary", "rolling_friction=0,0.2"]
+    assert run(["sweep", "packing", *BED, *vary, "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "bed_height (surface bead tops) in m" in said
+    assert "4 of 4 runs" in said
+    table = pd.read_csv(tmp_path / "sweep.csv")
+    beds = table[(table["quantity"] == "bed_height") & (table["method"] == "surface bead tops")]
+    assert len(beds) == 4
+    rough, smooth = beds.loc[beds["static_friction"].idxmax()], beds.loc[beds["static_friction"].idxmin()]
+    assert rough["simulated"] > smooth["simulated"]
+    assert "<svg" in (tmp_path / "sweep-bed-height-surface-bead-tops.svg").read_text()
+    monkeypatch.setattr("rigtwin.compare.campaign.runners.spawned", lambda *_: pytest.fail("something was run"))
+    assert run(["sweep", "packing", *BED, *vary, "--json", "--out", str(tmp_path)]) == 0
+    assert json.loads(capsys.readouterr().out)["runs"] == 4
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_sweep_of_a_lab_has_the_measured_value_beside_the_twins(tmp_path, capsys):
+    lab = tmp_path / "lab"
+    lab.mkdir()
+    profile = "x_m,height_m\n" + "".join(
+        f"{k * 1e-3 - 0.045:.4f},{max(0.0, 0.02 - abs(k - 45) * 4e-4):.5f}\n" for k in range(91)
+    )
+    for k in (1, 2, 3):
+        (lab / f"r{k}.csv").write_text(profile.replace("0.02000", f"0.020{k}0"))
+    (lab / "lab.toml").write_text(
+        '[[experiments]]\nid = "heap"\nrig = "pile"\nparticle = "D6"\nwall = "steel"\nvariant = "piling"\n'
+        'base_diameter = "90 mm"\nrim_height = "10 mm"\ncount = 150\nrepetitions = ["r1.csv", "r2.csv", "r3.csv"]\n'
+    )
+    assert run(["sweep", str(lab), "--vary", "rolling_friction=0.01,0.3", "--out", str(tmp_path / "out")]) == 0
+    table = pd.read_csv(tmp_path / "out" / "sweep.csv")
+    assert table["measured"].notna().any()
+    known = table[table["measured"].notna() & table["simulated"].notna()]
+    deviation = 100 * (known["simulated"] - known["measured"]) / known["measured"]
+    assert known["percent_deviation"].to_numpy() == pytest.approx(deviation.to_numpy())
+    assert run(["sweep", str(lab), "--only", "bed", "--vary", "count=5,6"]) == 2
+    assert "there is no experiment 'bed'" in capsys.readouterr().err
+
+
+def test_bad_input_is_one_sentence_and_nothing_is_written(tmp_path, capsys):
+    out = ["--out", str(tmp_path / "out")]
+    for arguments, why in (
+        (["sweep", "packing", "--vary", "static_friction=0.1,0.2"], "cylinder_diameter: this setting is missing"),
+        (["sweep", "packing", *BED, "--set", "width=3mm", "--vary", "count=5,6"], "has no such setting"),
+        (["sweep", "packing", *BED, "--vary", "cylinder_diameter=5mm,40mm"], "there is no twin"),
+        (["sweep", "nolab", "--vary", "count=5,6"], "no such file"),
+        (["sweep", "packing", *BED, "--vary", "count=5,6", "--cluster", "abc"], "neither the address"),
+        (["sweep", "packing", *BED, "--vary", "count=5,6", "--vary", "count=7,8"], "given twice"),
+    ):
+        assert run([*arguments, *out]) == 2, why
+        assert why in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_reference_names_a_particle_of_a_rig():
+    setting = stated_setting("drum", ["drum_diameter=140mm", "speed=3rpm"], particle="D6", wall="PMMA")
+    assert setting.experiment.particle == hlosta2020.particle("D6")
+    assert replace(setting.experiment.rig, speed=1.0) == at(setting, {"speed": 1.0}).experiment.rig
