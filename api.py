@@ -19,6 +19,7 @@ from rigtwin.lab.rigs import RIGS, RigName
 
 if TYPE_CHECKING:
     from rigtwin.commands.run_command import Work
+    from rigtwin.compare.campaign.calibrate import Calibration
     from rigtwin.compare.comparison import Comparison
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.twins.twin import Twin
@@ -243,6 +244,48 @@ class OpenLab:
         )
         comparison: Comparison = _run(work, workers=workers, progress=progress or silent)
         return comparison
+
+    def calibrate(
+        self,
+        *,
+        out: str | Path | None = None,
+        workers: int | None = None,
+        progress: Progress | None = None,
+        **settings: Setting,
+    ) -> Calibration:
+        """Find one set of parameters for all experiments with many particles, as a posterior.
+
+        Parameters
+        ----------
+        out : str or pathlib.Path, optional
+            Folder for results; ``calibration`` in the lab folder by default.
+        workers : int, optional
+            Number of processes of this machine, one for each core by default.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)``.
+        **settings : str, float, int, sequence of str or None
+            Options of ``rigtwin calibrate`` with underscores: ``fit=["static_friction"]``, ``hold_out=["hopper"]``.
+
+        Returns
+        -------
+        rigtwin.compare.campaign.calibrate.Calibration
+            Best set, samples of the posterior in SI, intervals, correlations and predictions.
+
+        Raises
+        ------
+        rigtwin.lab.errors.BadInput
+            If a setting is unknown, or there is nothing to fit.
+        """
+        from rigtwin.commands import calibrate
+        from rigtwin.lab.progress import silent
+
+        work = _work(
+            _inner(calibrate.calibrate),
+            {"lab": self.folder},
+            {"out": out, "workers": workers, "allow_outside": self.allow_outside, **settings},
+        )
+        calibration: Calibration = _run(work, progress=progress or silent)
+        return calibration
 
     def diagnose(
         self,

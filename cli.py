@@ -16,6 +16,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from rigtwin.commands import calibrate as calibrating
 from rigtwin.commands import decks, labs, measure, simulate
 from rigtwin.commands import sweep as sweeping
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
@@ -109,6 +110,9 @@ app.command(
     epilog="Example: rigtwin sweep packing --set cylinder_diameter=65mm --wall PMMA --count 800 "
     "--vary static_friction=0.05..1.5:8 --vary rolling_friction=0.01..0.3:7"
 )(sweeping.sweep)
+app.command(epilog="Example: rigtwin calibrate my-lab --fit static_friction --hold-out hopper-34mm")(
+    calibrating.calibrate
+)
 app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
 
 

@@ -7,4 +7,5 @@
 - `twin_runs`: the twin of a rig as a run.
 - `vary`: parameters that are varied, and designs over them.
 - `sweep`: twins at all points of a design, beside what was measured; `sweep_figures` draws them.
+- `calibrate`: one set of parameters for all experiments of a lab; `emulator` and `posterior` are its parts.
 """

@@ -1,0 +1,106 @@
+"""``rigtwin calibrate LAB``: one set of parameters for all experiments of a lab."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rigtwin.commands import simulate
+from rigtwin.commands.display import print_json
+from rigtwin.commands.labs import Outside
+from rigtwin.commands.options import Cluster, Out, Seed
+from rigtwin.commands.run_command import Work, finished
+from rigtwin.lab.units import MOST_PARTICLES
+
+if TYPE_CHECKING:
+    from rigtwin.compare.campaign.calibrate import Calibration
+
+
+def show(found: Calibration, as_json: bool, quiet: bool) -> None:
+    """Print the posterior and the predictions, or the JSON document."""
+    if as_json:
+        print_json(found.to_json())
+        return
+    if quiet:
+        return
+    for name, one in found.intervals.items():
+        typer.echo(
+            f"{name}: best {found.best[name]:.4g}, median {one['median']:.4g}, "
+            f"95 % interval {one['low']:.4g} to {one['high']:.4g}"
+        )
+    for sentence in found.ambiguous:
+        typer.echo(sentence)
+    for row in found.predictions:
+        kind = "held out" if row["held_out"] else "fitted"
+        value = "none" if row["predicted"] is None else f"{row['predicted']:.4g} ({row['percent_deviation']:+.1f} %)"
+        typer.echo(
+            f"{row['experiment']}, {row['quantity']} ({row['method']}), {kind}: measured {row['measured']:.4g}, "
+            f"predicted {value} {row['unit']}"
+        )
+    if not found.fits:
+        worst = max(
+            (row for row in found.predictions if row["percent_deviation"] is not None and not row["held_out"]),
+            key=lambda row: abs(row["percent_deviation"]),
+        )
+        typer.echo(
+            f"no set fits (chi-square {found.misfit[0]:.1f}, probability {found.misfit[1]:.2g}); {worst['quantity']} "
+            f"of {worst['experiment']} deviates most. Something is missing from the model, or a measurement is wrong."
+        )
+    for remark in found.remarks:
+        typer.echo(f"warning: {remark}")
+    typer.echo(f"{found.runs} runs; {found.stopped}; wrote {found.files['calibration.json'].parent}")
+
+
+@finished(show)
+def calibrate(
+    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
+    *,
+    fit: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fit",
+            metavar="NAME[=RANGE]",
+            help="A parameter, named as in `rigtwin sweep`, like static_friction=0.1..0.9; may be given again. "
+            "Static and rolling friction between the particles by default.",
+        ),
+    ] = None,
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option("--hold-out", metavar="ID", help="Predict this experiment, do not fit it; may be given again."),
+    ] = None,
+    budget: Annotated[int, typer.Option("--budget", min=1, help="Largest number of twins for the fit.")] = 60,
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Particles, where lab.toml gives none.")
+    ] = None,
+    rolling_model: simulate.RollingOfMany = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Runs at a time; one per core.")] = None,
+    cluster: Cluster = None,
+    seed: Seed = 1,
+    allow_outside: Outside = False,
+    out: Out = None,
+) -> Work:
+    """Find one set of parameters for all experiments of a lab.
+
+    Experiments with many particles are fitted; coefficients that the lab measures directly (drop, pendulum, tilt) are
+    priors. The result is a posterior: best set, 95 % intervals, correlations, predictions. Called again, only missing
+    twins are run.
+    """
+    from rigtwin.compare.campaign.calibrate import calibrate as run
+
+    return partial(
+        run,
+        lab,
+        out or (lab if lab.is_dir() else lab.parent) / "calibration",
+        fit=fit,
+        hold_out=hold_out or (),
+        budget=budget,
+        count=count,
+        seed=seed,
+        rolling=None if rolling_model is None else simulate.rolling_law(rolling_model),
+        workers=workers,
+        cluster=cluster,
+        allow_outside=allow_outside,
+    )

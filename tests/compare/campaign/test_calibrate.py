@@ -1,0 +1,100 @@
+"""Calibration: emulators, posterior, and parameters recovered from a lab of simulated records."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rigtwin.benchmarks.calibrate.recovery import make_lab
+from rigtwin.cli import run
+from rigtwin.compare.campaign import emulator as emulators
+from rigtwin.compare.campaign.posterior import Parameter, Target, sample
+from rigtwin.lab.file.model_file import read_model
+
+
+@pytest.fixture(scope="module")
+def design():
+    return np.random.default_rng(3).random((24, 2))
+
+
+def test_an_emulator_gives_values_between_its_runs_and_knows_its_uncertainty(design):
+    random = np.random.default_rng(4)
+
+    def truth(unit):
+        return 30 + 10 * np.sin(2 * unit[:, 0]) + 2 * unit[:, 1]
+
+    fitted = emulators.fit(design, truth(design) + random.normal(0, 0.2, len(design)), seed=1)
+    elsewhere = random.random((200, 2))
+    mean, spread = fitted.predict(elsewhere)
+    assert np.mean(np.abs(mean - truth(elsewhere)) < 2 * np.hypot(spread, 0.05)) > 0.85
+    assert fitted.noise == pytest.approx(0.2, rel=0.5)
+    first, second = emulators.main_effects(fitted, 2, seed=1)
+    assert first > 0.8
+    assert second < 0.2
+
+
+def test_one_quantity_of_two_parameters_leaves_a_ridge_and_a_second_one_ends_it(design):
+    parameters = [Parameter("a", 0.1, 0.5), Parameter("b", 0.1, 0.5)]
+    both = emulators.fit(design, design.sum(axis=1), seed=1)
+    other = emulators.fit(design, design[:, 0] - design[:, 1], seed=1)
+    known = Target("heap", "angle", "line", "deg", 1.0, 0.02, 5)
+    samples, _ = sample(parameters, [known], [both], seed=1)
+    assert np.corrcoef(samples.T)[0, 1] < -0.95
+    assert np.std(samples[:, 0]) > 0.2
+    samples, _ = sample(parameters, [known, Target("bed", "height", "top", "m", 0.2, 0.02, 5)], [both, other], seed=1)
+    assert samples.mean(axis=0) == pytest.approx([0.6, 0.4], abs=0.02)
+    assert np.std(samples[:, 0]) < 0.03
+
+
+def test_a_measured_coefficient_is_a_prior_and_a_wide_range_is_logarithmic():
+    known, wide = Parameter("a", 0.1, 0.5, 0.3, 0.02), Parameter("b", 0.003, 0.5)
+    unit = np.linspace(0, 1, 101)
+    assert known.value(unit[[int(np.argmax(known.log_prior(unit)))]]) == pytest.approx(0.3, abs=0.01)
+    assert wide.value(np.array([0.5]))[0] == pytest.approx(np.sqrt(0.003 * 0.5))
+    assert not wide.log_prior(unit).any()
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lab")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rigtwin.benchmarks.calibrate.recovery.small", lambda _usual, smoke: smoke)
+        make_lab(folder, {"static_friction": 0.5, "rolling_friction": 0.05}, 1)
+    return folder
+
+
+def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path, capsys):
+    asked = ["calibrate", str(lab), "--budget", "14", "--fit", "static_friction", "--fit", "rolling_friction"]
+    assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    for name, value in {"static_friction": 0.5, "rolling_friction": 0.05}.items():
+        assert found["intervals"][name]["low"] < value < found["intervals"][name]["high"]
+    assert found["fits"]
+    assert found["ambiguous"], "one bed height does not tell two frictions"
+    (bed,) = found["predictions"]
+    assert abs(bed["percent_deviation"]) < 3
+    model = read_model(tmp_path / "model.toml")
+    assert model.known_contact("D6", "D6").static_friction == pytest.approx(found["best"]["static_friction"])
+    assert list(pd.read_csv(tmp_path / "posterior.csv").columns) == ["static_friction", "rolling_friction"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("rigtwin.compare.campaign.campaign.perform", None)  # nothing is run again
+        assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["best"] == found["best"]
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        (["--hold-out", "packing"], "nothing to fit"),
+        (["--hold-out", "heap"], "no experiment 'heap'"),
+        (["--fit", "lift_speed"], "no experiment that is fitted depends on 'lift_speed'"),
+        (["--fit", "static_friction=0.5..0.1"], "the lower value first"),
+        (["--fit", "restitution"], "was not measured; give its range"),
+        (["--budget", "3"], "too few"),
+    ],
+)
+def test_bad_input_is_one_sentence(more, why, lab, tmp_path, capsys):
+    assert run(["calibrate", str(lab), *more, "--out", str(tmp_path / "out")]) == 2
+    assert why in capsys.readouterr().err
