@@ -35,7 +35,8 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
         typer.echo(sentence)
     for row in found.predictions:
         kind = "held out" if row["held_out"] else "fitted"
-        value = "none" if row["predicted"] is None else f"{row['predicted']:.4g} ({row['percent_deviation']:+.1f} %)"
+        percent = "" if row["percent_deviation"] is None else f" ({row['percent_deviation']:+.1f} %)"
+        value = "none" if row["predicted"] is None else f"{row['predicted']:.4g}{percent}"
         typer.echo(
             f"{row['experiment']}, {row['quantity']} ({row['method']}), {kind}: measured {row['measured']:.4g}, "
             f"predicted {value} {row['unit']}"
@@ -44,10 +45,12 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
         worst = max(
             (row for row in found.predictions if row["percent_deviation"] is not None and not row["held_out"]),
             key=lambda row: abs(row["percent_deviation"]),
+            default=None,
         )
+        most = "" if worst is None else f"; {worst['quantity']} of {worst['experiment']} deviates most"
         typer.echo(
-            f"no set fits (chi-square {found.misfit[0]:.1f}, probability {found.misfit[1]:.2g}); {worst['quantity']} "
-            f"of {worst['experiment']} deviates most. Something is missing from the model, or a measurement is wrong."
+            f"no set fits (chi-square {found.misfit[0]:.1f}, probability {found.misfit[1]:.2g}){most}. "
+            "Something is missing from the model, or a measurement is wrong."
         )
     for remark in found.remarks:
         typer.echo(f"warning: {remark}")

@@ -249,8 +249,12 @@ def calibrate(
 def _parameters(
     fit: Sequence[str] | None, lab: Lab, fitted: Sequence[Experiment], measured: Mapping[str, Sequence[Quantity]]
 ) -> Iterator[Parameter]:
+    seen: set[str] = set()
     for text in fit or ("static_friction", "rolling_friction"):
-        name, ranged, _ = text.partition("=")
+        name, ranged = (part.strip() for part in text.partition("=")[:2])
+        if name in seen:
+            raise BadInput(f"--fit: {name} is given twice; take one of them out.")
+        seen.add(name)
         takers = [one for one in fitted if _applies(name, one)]
         if not takers:
             raise BadInput(f"--fit: no experiment that is fitted depends on {name!r}.")
@@ -263,6 +267,8 @@ def _parameters(
             source = "stated range"
         elif known is not None:
             low, high = max(known[0] - 4 * known[1], 0.05 * known[0]), known[0] + 4 * known[1]
+            if name.endswith("restitution"):
+                high = min(high, 1.0)
             source = f"measured by {known[2]}"
         elif name.removeprefix("wall_") in RANGES:
             low, high = RANGES[name.removeprefix("wall_")]
@@ -288,7 +294,9 @@ def _measured_value(
         if entry_of(experiment).many_particles or pair(*experiment.contacts[-1]) != wanted:
             continue
         for row in deviations(experiment.id, experiment.rig_name, measured[experiment.id], ()):
-            if MEASURED_BY.get((experiment.rig_name, row.quantity)) == name.removeprefix("wall_"):
+            wanted_here = MEASURED_BY.get((experiment.rig_name, row.quantity)) == name.removeprefix("wall_")
+            known = math.isfinite(row.measured) and 0 < row.measured_std_uncertainty < math.inf
+            if wanted_here and known and not row.doubtful:
                 return row.measured, row.measured_std_uncertainty, experiment.id
     return None
 
@@ -298,7 +306,8 @@ def _targets(experiment: Experiment, measured: Sequence[Quantity]) -> list[Targe
     rows: dict[str, Deviation] = {}
     for row in deviations(experiment.id, experiment.rig_name, measured, ()):
         usable = row.quantity in RESULTS and row.quantity not in SKIPPED and row.side in (None, "mean")
-        if usable and not row.doubtful and math.isfinite(row.measured):
+        known = math.isfinite(row.measured) and math.isfinite(row.measured_std_uncertainty)
+        if usable and known and not row.doubtful:
             rows.setdefault(row.quantity, row)
     return [
         Target(
@@ -443,17 +452,19 @@ class _Bench:
             for k in seeds
         }
         done = campaign.results(list(runs.values()), progress, stage="twins of the best set", retry=False)
+        found.failures.update(done.failures)
         found.runs += len(runs)
         for one in (*self.fitted, *held):
             for target in self.targets[one.id]:
                 results = [done.results.get(runs[one.id, k].name) for k in seeds]
                 values = np.array([_value(target, result) for result in results if result is not None])
-                mean = float(np.nanmean(values)) if np.isfinite(values).any() else None
+                values = values[np.isfinite(values)]
+                mean = float(np.mean(values)) if len(values) else None
                 yield {
                     "experiment": one.id, "quantity": target.quantity, "method": target.method, "unit": target.unit,
                     "held_out": one in held, "measured": target.value, "std_uncertainty": target.std_uncertainty,
-                    "predicted": mean, "predicted_std": float(np.nanstd(values, ddof=1)) if len(values) > 1 else None,
-                    "percent_deviation": None if mean is None else 100 * (mean - target.value) / target.value,
+                    "predicted": mean, "predicted_std": float(np.std(values, ddof=1)) if len(values) > 1 else None,
+                    "percent_deviation": _percent(mean, target.value),
                 }  # fmt: skip
 
     def result(self, found: _Found, predictions: tuple[dict[str, Any], ...]) -> Calibration:
@@ -462,6 +473,8 @@ class _Bench:
         samples = np.column_stack([one.value(found.samples[:, k]) for k, one in enumerate(self.parameters)])
         best = {one.name: float(one.value(found.best[k])) for k, one in enumerate(self.parameters)}
         square, model = 0.0, self.lab.model
+        for k, one in enumerate(self.parameters):  # a measured prior is a measurement, too
+            square -= 2 * float(one.log_prior(found.best[k : k + 1])[0])
         for target, emulator in zip(self.every, found.emulators, strict=True):
             mean, emulated = emulator.predict(found.best[None, :])
             square += float((target.value - mean[0]) ** 2 / variance(target, emulator, emulated)[0])
@@ -472,15 +485,17 @@ class _Bench:
             [emulators.main_effects(one, len(self.parameters), seed=self.seed) for one in found.emulators]
         )
         free = max(len(self.every) - len([one for one in self.parameters if one.mean is None]), 1)
-        failed = (
-            {f"{len(found.failures)} twins failed, the first: {next(iter(found.failures.values()))}"}
-            if (found.failures)
-            else set()
-        )
+        failed = []
+        if found.failures:
+            failed = [f"{len(found.failures)} twins failed, the first: {next(iter(found.failures.values()))}"]
         return Calibration(
             self.lab, self.parameters, tuple(self.every), samples, best, model, shares, predictions, found.runs,
             found.stopped, (square, float(chi2.sf(square, free))), tuple(failed),
         )  # fmt: skip
+
+
+def _percent(predicted: float | None, measured: float) -> float | None:
+    return None if predicted is None or measured == 0 else 100 * (predicted - measured) / measured
 
 
 def _value(target: Target, result: Mapping[str, Any]) -> float:

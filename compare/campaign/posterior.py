@@ -109,7 +109,8 @@ def sample(
     start = random.random((40 * WALKERS, len(parameters)))
     density = log_posterior(start, parameters, targets, emulators)
     chosen = start[np.argsort(-density)[: 4 * WALKERS]]
-    weights = np.exp(0.25 * (np.sort(density)[::-1][: 4 * WALKERS] - density.max()))  # spread over all good places
+    falloff = 0.25 * (np.sort(density)[::-1][: 4 * WALKERS] - density.max())  # spread over all good places
+    weights = np.exp(np.maximum(falloff, -500.0))  # none is zero, so that all walkers find a start
     first = chosen[random.choice(len(chosen), WALKERS, replace=False, p=weights / weights.sum())]
     sampler = emcee.EnsembleSampler(
         WALKERS, len(parameters), log_posterior, args=(parameters, targets, emulators), vectorize=True
