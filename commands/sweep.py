@@ -30,7 +30,8 @@ def show(found: Sweep, as_json: bool, quiet: bool) -> None:
 
     names = [one.name for one in found.varied]
     frame = pd.DataFrame([row for row in found.rows if row.get("simulated") is not None])
-    for (quantity, method, unit), mine in frame.groupby(["quantity", "method", "unit"], sort=False):
+    groups = () if frame.empty else frame.groupby(["quantity", "method", "unit"], sort=False)
+    for (quantity, method, unit), mine in groups:
         typer.echo(f"{quantity} ({method}) in {unit}")
         columns = [*names, "simulated", *(name for name in ("measured", "percent_deviation") if name in mine)]
         if len(names) == 2 and len(mine) == len(mine.drop_duplicates(names)) and "measured" not in mine:

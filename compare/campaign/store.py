@@ -280,9 +280,9 @@ class _Owner:
 
     def end(self) -> None:
         if self._file is not None:
-            (self._folder / self.token).unlink(missing_ok=True)
-            self._file.close()
+            self._file.close()  # before it is deleted: Windows does not delete an open file
             self._file = None
+            (self._folder / self.token).unlink(missing_ok=True)
 
     def another_lives(self, token: str) -> bool:
         """Whether `token` is another owner whose process has not ended."""

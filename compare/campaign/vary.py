@@ -84,6 +84,8 @@ def parse(text: str, experiment: Experiment) -> Varied:
     high, colon, levels = rest.partition(":")
     if colon and not (levels.strip().isdecimal() and int(levels) >= 2):
         raise BadInput(f"--vary: {name} has {levels!r} levels; give a whole number of at least 2.")
+    if len(levels.strip()) > len(str(MOST_POINTS)) or int(levels or 0) > MOST_POINTS:
+        raise BadInput(f"--vary: {name} has more than {MOST_POINTS} levels; give fewer.")
     ends = _value(name, low.strip(), experiment), _value(name, high.strip(), experiment)
     if not ends[0] < ends[1]:
         raise BadInput(f"--vary: {name} goes from {low.strip()} to {high.strip()}; give the lower value first.")
