@@ -11,7 +11,7 @@ import typer
 from rigtwin.commands import simulate
 from rigtwin.commands.display import print_json
 from rigtwin.commands.labs import Outside
-from rigtwin.commands.options import Cluster, Out, Seed
+from rigtwin.commands.options import Cluster, Seed, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -83,7 +83,7 @@ def calibrate(
     cluster: Cluster = None,
     seed: Seed = 1,
     allow_outside: Outside = False,
-    out: Out = None,
+    out: Annotated[Path | None, out_option("Folder for results; LAB/calibration by default.")] = None,
 ) -> Work:
     """Find one set of parameters for all experiments of a lab.
 

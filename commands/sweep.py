@@ -11,7 +11,7 @@ import typer
 from rigtwin.commands import simulate
 from rigtwin.commands.display import print_json
 from rigtwin.commands.labs import Outside
-from rigtwin.commands.options import Cluster, Out, Seed, Stiffness
+from rigtwin.commands.options import Cluster, Seed, Stiffness, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
 
@@ -87,7 +87,7 @@ def sweep(
     cluster: Cluster = None,
     seed: Seed = 1,
     allow_outside: Outside = False,
-    out: Out = None,
+    out: Annotated[Path | None, out_option("Folder for results; out/sweep/NAME by default.")] = None,
 ) -> Work:
     """Run the twin over ranges of its parameters.
 

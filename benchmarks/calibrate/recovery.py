@@ -97,15 +97,15 @@ def main() -> int:
     ]
     runs, seconds = max(one["runs"] for one in found), max(one["seconds"] for one in found)
     said = sum(one["probability"] >= 0.01 for one in found)
-    share = 100 * sum(held) / len(held)
+    share = float(100 * sum(held) / len(held))
     return report(
         "calibrate",
         [
             Row("true values in the 95 % intervals", share, "%", None, "90 to 98", None if SMOKE else share >= 90),
             Row("parameters", len(held)),
             Row("labs that fit", 100 * said / len(found), "%"),
-            Row("most runs of a lab, confirmation included", runs, "1", None, "at most 60", runs <= 60),
-            Row("longest calibration", seconds / 60, "min", None, "at most 20", seconds <= 1200),
+            Row("most runs of a lab, confirmation included", runs, "1", None, "at most 60", bool(runs <= 60)),
+            Row("longest calibration", seconds / 60, "min", None, "at most 20", bool(seconds <= 1200)),
         ],
     )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from rigtwin.compare.campaign.run import Run
 from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.store import Store
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import Setting, at, parse
+from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, at, names, parse
 from rigtwin.compare.deviation import RESULTS, Deviation, deviations, over_views
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.twins.registry import entry_of
@@ -52,6 +52,7 @@ MEASURED_BY = {
 SKIPPED = {"bulk_density"}  # follows from the bed height
 FIRST = 5  # points of the first design for each parameter
 FEWEST = 10  # points of the first design
+CONFIRMED = 3  # runs of the best set
 BATCH = 2  # points between two looks at the posterior
 NARROWED = 0.03  # relative change of the posterior's width below which it is no longer narrowed
 CERTAIN = 0.3  # emulator's share of the standard uncertainty at which more runs would not help
@@ -94,11 +95,11 @@ class Calibration:
 
     @property
     def correlations(self) -> dict[str, float]:
-        """Correlation of each pair of parameters."""
+        """Correlation of each pair of parameters, of their logarithms where those are uniform beforehand."""
         names = [one.name for one in self.parameters]
         if len(names) < 2:
             return {}
-        matrix = np.atleast_2d(np.corrcoef(self.samples.T))
+        matrix = np.atleast_2d(np.corrcoef(np.array(self._scaled)))
         pairs = [(i, j) for i in range(len(names)) for j in range(i)]
         return {f"{names[j]} / {names[i]}": float(matrix[i, j]) for i, j in pairs}
 
@@ -110,15 +111,17 @@ class Calibration:
             for names, value in self.correlations.items()
             if abs(value) > TIED
         ]
-        for one, values in zip(self.parameters, self.samples.T, strict=True):
-            scaled = (
-                np.log(values / one.low) / math.log(one.high / one.low)
-                if one.logarithmic
-                else ((values - one.low) / (one.high - one.low))
-            )
-            if one.mean is None and np.std(scaled) > WIDE:
-                said.append(f"{one.name} is not determined: its posterior is about as wide as its range")
+        said += [
+            f"{one.name} is not determined: its posterior is about as wide as its range"
+            for one, scaled in zip(self.parameters, self._scaled, strict=True)
+            if one.mean is None and np.std(scaled) > WIDE
+        ]
         return said
+
+    @property
+    def _scaled(self) -> list[Array]:
+        """The samples of each parameter in the unit interval."""
+        return [one.unit(values) for one, values in zip(self.parameters, self.samples.T, strict=True)]
 
     def to_json(self) -> dict[str, Any]:
         """Content of ``calibration.json``."""
@@ -181,7 +184,7 @@ def calibrate(
     hold_out : sequence of str
         Experiments that are not fitted but predicted.
     budget : int
-        Largest number of twins that are run before the best set is confirmed.
+        Largest number of twins of the fitted experiments.
     count : int, optional
         Number of particles where lab.toml states none.
     seed : int
@@ -257,14 +260,25 @@ def _parameters(
         seen.add(name)
         takers = [one for one in fitted if _applies(name, one)]
         if not takers:
-            raise BadInput(f"--fit: no experiment that is fitted depends on {name!r}.")
+            known_names = dict.fromkeys(known for one in fitted for known in names(one) if not _of_rig(known, one))
+            raise BadInput(
+                f"--fit: no experiment that is fitted depends on {name!r}; {suggestion(name, known_names)}, and "
+                "parameters of effects."
+            )
+        if _of_rig(name, takers[0]):
+            raise BadInput(f"--fit: {name} is a setting of the rig, which lab.toml states; `rigtwin sweep` varies it.")
         known = _measured_value(name, lab, takers[0], measured)
         if ranged:
-            varied = parse(text, takers[0])
+            varied = parse(text, takers[0], option="--fit")
             if varied.levels is None or varied.values[0] <= 0:
                 raise BadInput(f"--fit: {text!r} is not a range above zero like static_friction=0.1..0.9.")
             low, high = varied.values
             source = "stated range"
+            if known is not None and not low - 4 * known[1] < known[0] < high + 4 * known[1]:
+                raise BadInput(
+                    f"--fit: {text} contradicts {known[0]:.3g} +- {known[1]:.2g}, measured by {known[2]}; leave "
+                    "the range out or correct it."
+                )
         elif known is not None:
             low, high = max(known[0] - 4 * known[1], 0.05 * known[0]), known[0] + 4 * known[1]
             if name.endswith("restitution"):
@@ -280,9 +294,12 @@ def _parameters(
 
 
 def _applies(name: str, experiment: Experiment) -> bool:
-    from rigtwin.compare.campaign.vary import names
-
     return "." in name or name in names(experiment)
+
+
+def _of_rig(name: str, experiment: Experiment) -> bool:
+    """Whether a parameter is a setting of the rig, not of particle, contact or effect."""
+    return hasattr(experiment.rig, name)
 
 
 def _measured_value(
@@ -358,18 +375,19 @@ class _Bench:
         from scipy.stats import qmc
 
         first = max(FEWEST, FIRST * len(self.parameters))
-        if self.budget < (first + BATCH) * len(self.fitted):
+        least = (first + BATCH + CONFIRMED) * len(self.fitted)
+        if self.budget < least:
             raise BadInput(
                 f"--budget: {self.budget} runs are too few for {len(self.parameters)} parameters and "
-                f"{len(self.fitted)} experiments; give at least {(first + BATCH) * len(self.fitted)}."
+                f"{len(self.fitted)} experiments; give at least {least}."
             )
         found = _Found(values={target: [] for target in self.every})
         sampler = qmc.Sobol(len(self.parameters), rng=self.seed)
         self._add(found, sampler.random(2 ** math.ceil(math.log2(first)))[:first], campaign, progress)
         self._update(found)
-        width = self._width(found)
+        width, still = self._width(found), 0
         while not found.stopped:
-            if found.runs + BATCH * len(self.fitted) > self.budget:
+            if found.runs + (BATCH + CONFIRMED) * len(self.fitted) > self.budget:
                 found.stopped = "the runs are spent"
                 break
             self._add(found, self._next(found), campaign, progress)
@@ -377,7 +395,8 @@ class _Bench:
             before, width = width, self._width(found)
             if self._certain(found):
                 found.stopped = "the emulators are more certain than the measurements"
-            elif abs(math.log(before / width)) < NARROWED and len(found.unit) >= first + 3 * BATCH:
+            still = still + 1 if abs(math.log(before / width)) < NARROWED else 0
+            if not found.stopped and still == 2:  # one such step may be chance
                 found.stopped = "the posterior is no longer narrowed"
         return found
 
@@ -445,7 +464,7 @@ class _Bench:
     ) -> Iterator[dict[str, Any]]:
         """The best set's twins, with other seeds than those of the emulators, beside the measurements."""
         best = found.best
-        seeds = range(self.seed + 1000, self.seed + 1003)
+        seeds = range(self.seed + 1000, self.seed + 1000 + CONFIRMED)
         runs = {
             (one.id, k): self._twin(one, best, f"{one.id}-best-seed-{k}", k)
             for one in (*self.fitted, *held)
@@ -480,12 +499,25 @@ class _Bench:
             square += float((target.value - mean[0]) ** 2 / variance(target, emulator, emulated)[0])
         for experiment in self.fitted:
             mine = {name: value for name, value in best.items() if _applies(name, experiment)}
-            model = at(Setting(experiment, model), mine).model
+            moved = at(Setting(experiment, model), mine)
+            model = moved.model
+            if OF_PARTICLE.keys() & mine.keys() and moved.experiment.particle.shape is None:
+                particle = moved.experiment.particle
+                model = replace(
+                    model,
+                    particles={**model.particles, particle.name: particle},
+                    materials={**model.materials, particle.material.name: particle.material},
+                )
         shares = np.array(
             [emulators.main_effects(one, len(self.parameters), seed=self.seed) for one in found.emulators]
         )
         free = max(len(self.every) - len([one for one in self.parameters if one.mean is None]), 1)
-        failed = []
+        failed = [
+            f"`compare --model` takes contacts and effects from model.toml; state {name} = {best[name]:.5g} (SI) of "
+            "the particle in lab.toml"
+            for name in best
+            if name in OF_PARTICLE
+        ]
         if found.failures:
             failed = [f"{len(found.failures)} twins failed, the first: {next(iter(found.failures.values()))}"]
         return Calibration(

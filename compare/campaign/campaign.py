@@ -15,7 +15,7 @@ from typing import Any, Self
 from rigtwin.compare.campaign.run import Done, Result, Run
 from rigtwin.compare.campaign.runners import Pool, Runner, local, perform
 from rigtwin.compare.campaign.store import Store
-from rigtwin.lab.errors import RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.version import __version__
 
@@ -75,7 +75,7 @@ class Campaign:
 
         Notes
         -----
-        A run that raises a `RigtwinError` is listed with its message and kept as failed, any other exception as a fault
+        A run that raises a `RigtwinError` is listed with its message, and kept as failed if it is a `BadInput`; any other exception as a fault
         of rigtwin.  A run that another process computes is awaited.
         """
         kept = self.store.find(runs)
@@ -141,7 +141,10 @@ class Campaign:
             result, seconds = job.result()
         except RigtwinError as error:
             work.failures[run.name] = str(error)
-            self.store.keep_failure(run, str(error), 0.0)
+            if isinstance(error, BadInput):  # it would fail again
+                self.store.keep_failure(run, str(error), 0.0)
+            else:
+                self.store.release(run)
         except BrokenProcessPool:  # the other runs cannot continue either
             raise
         except MemoryError:

@@ -51,6 +51,12 @@ class Parameter:
             return np.asarray(self.low * (self.high / self.low) ** unit)
         return np.asarray(self.low + (self.high - self.low) * unit)
 
+    def unit(self, value: Array) -> Array:
+        """Numbers in [0, 1] of values in SI."""
+        if self.logarithmic:
+            return np.asarray(np.log(value / self.low) / math.log(self.high / self.low))
+        return np.asarray((value - self.low) / (self.high - self.low))
+
     def log_prior(self, unit: Array) -> Array:
         """Logarithm of the prior density, up to a constant."""
         if self.mean is None or self.std is None:

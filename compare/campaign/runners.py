@@ -229,7 +229,9 @@ def _first_cause(job: Any, error: Exception) -> Exception:
     with suppress(Exception):
         text = str(job.exception())
         name, _, message = text.strip().splitlines()[-1].partition(": ")
-        if name.rpartition(".")[2] in ("BadInput", "RigtwinError", "NothingToMeasure"):
+        if name.rpartition(".")[2] in ("BadInput", "NothingToMeasure"):
+            return BadInput(message)
+        if name.rpartition(".")[2] == "RigtwinError":
             return RigtwinError(message)
         if name == "MemoryError":
             return MemoryError(message)

@@ -122,7 +122,7 @@ def _entry(rig: str, stated: Sequence[str], particle: str, wall: str | None) -> 
         first = (mine or error.errors())[0]
         key, why = str(first["loc"][-1]), str(first["msg"]).removeprefix("Value error, ").rstrip(".")
         if first["type"] == "missing":
-            why = "this setting is missing"
+            why = "this setting is missing (it is given here also where --vary varies it)"
         elif first["type"] == "extra_forbidden":
             why = f"a {rig} has no such setting"
         raise BadInput(f"--set: {key}: {why}; the settings are the keys of a {rig} in lab.toml.") from None

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling
 
 FUNCTION = f"{__name__}:simulate"
+FRAME_RATE = 240.0  # [1/s], of the record of a twin of few bodies where none is stated, as of `rigtwin simulate`
 
 
 def twin_run(
@@ -77,6 +78,8 @@ def twin_run(
     }
     if entry_of(experiment).many_particles:
         settings |= {"count": count, "seed": seed, "rolling": rolling, "stiffness_factor": stiffness_factor}
+    else:
+        settings["frame_rate"] = experiment.camera.frame_rate or FRAME_RATE
     return Run(name, FUNCTION, settings, cost)
 
 
@@ -88,6 +91,7 @@ def simulate(
     wall: Mapping[str, Any] | None,
     contacts: Sequence[Mapping[str, Any]],
     effects: Mapping[str, Mapping[str, float]],
+    frame_rate: float | None = None,
     count: int | None = None,
     seed: int = 1,
     rolling: Rolling | None = None,
@@ -103,7 +107,7 @@ def simulate(
         SETTINGS[rig](**rig_settings),
         TypeAdapter(Particle).validate_python(dict(particle)),
         None if wall is None else Material(**wall),
-        Camera(),
+        Camera(frame_rate=frame_rate),
         (),
     )
     model = Model(effects=effects)

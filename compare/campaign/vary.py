@@ -21,6 +21,9 @@ Design = Literal["grid", "sobol", "latin"]
 Point = Mapping[str, float]
 """Values of the varied parameters by name, in SI."""
 
+WHOLE = ("count", "bounces")
+"""Settings of rigs that are whole numbers."""
+
 LEVELS = 5  # of a range in a grid, where none are given
 MOST_POINTS = 10_000  # of a design; more were not meant
 
@@ -62,8 +65,8 @@ class Varied:
         return tuple(float(f"{low + (high - low) * k / (self.levels - 1):.12g}") for k in range(self.levels))
 
 
-def parse(text: str, experiment: Experiment) -> Varied:
-    """Read ``static_friction=0.05..1.5:8`` or ``outlet=30mm,40mm``.
+def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varied:
+    """Read ``static_friction=0.05..1.5:8`` or ``outlet=30mm,40mm``; `option` is named in errors.
 
     Raises
     ------
@@ -72,23 +75,24 @@ def parse(text: str, experiment: Experiment) -> Varied:
     """
     name, equals, said = (part.strip() for part in text.partition("="))
     if not (name and equals and said):
-        raise BadInput(f"--vary: {text!r} is not like static_friction=0.05..1.5:8 or outlet=30mm,40mm.")
+        raise BadInput(f"{option}: {text!r} is not like static_friction=0.05..1.5:8 or outlet=30mm,40mm.")
     if name not in (known := names(experiment)) and "." not in name:
         raise BadInput(
-            f"--vary: a {experiment.rig_name} has no parameter {name!r} that can be varied; {suggestion(name, known)}."
+            f"{option}: a {experiment.rig_name} has no parameter {name!r} that can be varied; "
+            f"{suggestion(name, known)}."
         )
     low, dots, rest = said.partition("..")
     if not dots:
-        values = tuple(_value(name, item.strip(), experiment) for item in said.split(","))
+        values = tuple(_value(name, item.strip(), experiment, option) for item in said.split(","))
         return Varied(name, values, None)
     high, colon, levels = rest.partition(":")
     if colon and not (levels.strip().isdecimal() and int(levels) >= 2):
-        raise BadInput(f"--vary: {name} has {levels!r} levels; give a whole number of at least 2.")
+        raise BadInput(f"{option}: {name} has {levels!r} levels; give a whole number of at least 2.")
     if len(levels.strip()) > len(str(MOST_POINTS)) or int(levels or 0) > MOST_POINTS:
-        raise BadInput(f"--vary: {name} has more than {MOST_POINTS} levels; give fewer.")
-    ends = _value(name, low.strip(), experiment), _value(name, high.strip(), experiment)
+        raise BadInput(f"{option}: {name} has more than {MOST_POINTS} levels; give fewer.")
+    ends = _value(name, low.strip(), experiment, option), _value(name, high.strip(), experiment, option)
     if not ends[0] < ends[1]:
-        raise BadInput(f"--vary: {name} goes from {low.strip()} to {high.strip()}; give the lower value first.")
+        raise BadInput(f"{option}: {name} goes from {low.strip()} to {high.strip()}; give the lower value first.")
     return Varied(name, ends, int(levels) if colon else LEVELS)
 
 
@@ -128,7 +132,7 @@ def points(varied: Sequence[Varied], design: Design, number: int | None, seed: i
         if whole > MOST_POINTS:
             raise BadInput(f"--vary: {whole} points; give fewer levels, or --design sobol with --points.")
         grids = [one.grid for one in varied]
-        return [dict(zip((one.name for one in varied), values, strict=True)) for values in itertools.product(*grids)]
+        return [_point(varied, values) for values in itertools.product(*grids)]
     if number is None:
         raise BadInput(f"--points: a {design} design needs their number.")
     if listed := [one.name for one in varied if one.levels is None]:
@@ -141,7 +145,12 @@ def points(varied: Sequence[Varied], design: Design, number: int | None, seed: i
     else:
         unit = qmc.LatinHypercube(len(varied), rng=seed).random(number)
     scaled = qmc.scale(unit, [one.values[0] for one in varied], [one.values[1] for one in varied])
-    return [dict(zip((one.name for one in varied), map(float, row), strict=True)) for row in scaled]
+    return [_point(varied, row) for row in scaled.tolist()]
+
+
+def _point(varied: Sequence[Varied], values: Sequence[float]) -> Point:
+    named = zip((one.name for one in varied), values, strict=True)
+    return {name: round(value) if name in WHOLE else value for name, value in named}
 
 
 def at(setting: Setting, point: Point) -> Setting:
@@ -166,7 +175,7 @@ def at(setting: Setting, point: Point) -> Setting:
         elif name in OF_PARTICLE:
             experiment = replace(experiment, particle=_particle(experiment.particle, name, value))
         elif name in rig:
-            whole = int(value) if isinstance(getattr(experiment.rig, name), int) or name == "count" else value
+            whole = round(value) if name in WHOLE else value
             settings: Any = experiment.rig
             experiment = replace(experiment, rig=replace(settings, **{name: whole}))
     return Setting(experiment, model)
@@ -197,30 +206,30 @@ def _entry_hints(experiment: Experiment) -> dict[str, Any]:
     return get_type_hints(kinds[experiment.rig_name], include_extras=True)
 
 
-def _value(name: str, text: str, experiment: Experiment) -> float:
+def _value(name: str, text: str, experiment: Experiment, option: str) -> float:
     """A value of a parameter in SI."""
     if "." in name:
-        return _of_effect(name, text)
+        return _of_effect(name, text, option)
     if name.removeprefix("wall_") in PARAMETERS or name in OF_PARTICLE:
-        value = si(text, OF_PARTICLE.get(name, "number"), name=f"--vary {name}")
+        value = si(text, OF_PARTICLE.get(name, "number"), name=f"{option} {name}")
         zero_is_possible = name.endswith("friction")
         if value < 0 or (value == 0 and not zero_is_possible) or (name.endswith("restitution") and value > 1):
-            raise BadInput(f"--vary: {name} cannot be {text}.")
+            raise BadInput(f"{option}: {name} cannot be {text}.")
         return value
     from pydantic import TypeAdapter, ValidationError
 
     try:
-        item = int(text) if text.isdecimal() and name in ("count", "bounces") else text
+        item = int(text) if text.isdecimal() and name in WHOLE else text
         return float(TypeAdapter(_entry_hints(experiment)[name]).validate_python(item))
     except ValidationError as error:
-        raise BadInput(f"--vary: {name}: {str(error.errors()[0]['msg']).removeprefix('Value error, ')}") from None
+        raise BadInput(f"{option}: {name}: {str(error.errors()[0]['msg']).removeprefix('Value error, ')}") from None
 
 
-def _of_effect(name: str, text: str) -> float:
+def _of_effect(name: str, text: str, option: str) -> float:
     from rigtwin.sim.effects import named
 
     effect, _, parameter = name.partition(".")
     known = [one.name for one in named(effect).parameters]
     if parameter not in known:
-        raise BadInput(f"--vary: {effect} has no parameter {parameter!r}; {suggestion(parameter, known)}.")
-    return si(text, "number", name=f"--vary {name}")
+        raise BadInput(f"{option}: {effect} has no parameter {parameter!r}; {suggestion(parameter, known)}.")
+    return si(text, "number", name=f"{option} {name}")

@@ -65,7 +65,7 @@ def lab(tmp_path_factory):
 
 
 def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path, capsys):
-    asked = ["calibrate", str(lab), "--budget", "14", "--fit", "static_friction", "--fit", "rolling_friction"]
+    asked = ["calibrate", str(lab), "--budget", "17", "--fit", "static_friction", "--fit", "rolling_friction"]
     assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
     found = json.loads(capsys.readouterr().out)
     for name, value in {"static_friction": 0.5, "rolling_friction": 0.05}.items():
