@@ -15,7 +15,7 @@ from typing import Any, Self
 from rigtwin.compare.campaign.run import Done, Result, Run
 from rigtwin.compare.campaign.runners import Pool, Runner, local, perform
 from rigtwin.compare.campaign.store import Store
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.version import __version__
 
@@ -75,8 +75,9 @@ class Campaign:
 
         Notes
         -----
-        A run that raises a `RigtwinError` is listed with its message, and kept as failed if it is a `BadInput`; any other exception as a fault
-        of rigtwin.  A run that another process computes is awaited.
+        A run that raises a `RigtwinError` is listed with its message, and kept as failed if it would fail again (a
+        `BadInput` or `SimulationFailed`); any other exception is listed as a fault of rigtwin.  A run that another process
+        computes is awaited.
         """
         kept = self.store.find(runs)
         failed = {} if retry else {run.name: why for run in runs if (why := self.store.failure(run))}
@@ -141,7 +142,7 @@ class Campaign:
             result, seconds = job.result()
         except RigtwinError as error:
             work.failures[run.name] = str(error)
-            if isinstance(error, BadInput):  # it would fail again
+            if isinstance(error, (BadInput, SimulationFailed)):  # it would fail again
                 self.store.keep_failure(run, str(error), 0.0)
             else:
                 self.store.release(run)
