@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from rigtwin.commands import decks, labs, measure, simulate
+from rigtwin.commands import decks, labs, measure, runs, simulate
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
 from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
 from rigtwin.commands.run_command import Work, finished
@@ -107,6 +107,7 @@ app.command(epilog="Example: rigtwin compare my-lab --only drop-D6-steel --out r
 app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
 
 
+app.command(epilog="Example: rigtwin runs out/reproduce/hlosta2020 export runs.parquet")(runs.runs)
 app.add_typer(decks.app, name="export")
 app.command("import", epilog="Example: rigtwin import out/liggghts-pile")(decks.import_deck)
 
