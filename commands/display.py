@@ -17,6 +17,7 @@ from rich.markup import escape
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from rigtwin.compare.campaign.store import Kept
     from rigtwin.compare.comparison import Comparison
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.reproduce.reproduce import Reproduction
@@ -183,6 +184,64 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
         console.print(f"[dim]borrowed:[/dim] {escape(sentence)}")
     for path in comparison.files.values():
         typer.echo(f"wrote {path}")
+
+
+def show_runs(rows: Sequence[Kept], as_json: bool, quiet: bool) -> None:
+    """The runs of a store, one row each."""
+    if as_json:
+        names = ("key", "name", "function", "version", "state", "message", "seconds", "finished")
+        print_json({"runs": [{name: getattr(row, name) for name in names} for row in rows]})
+    elif not quiet:
+        from rich.table import Table
+
+        table = Table(title=_totals(rows), title_justify="left")
+        for column in ("name", "function", "state", "seconds", "finished (UTC)", "key"):
+            table.add_column(column, justify="right" if column == "seconds" else "left", overflow="fold")
+        for row in rows:
+            function = row.function.rpartition(":")[2]
+            finished = row.finished[:19].replace("T", " ")
+            table.add_row(escape(row.name), escape(function), row.state, f"{row.seconds:.1f}", finished, row.key)
+        _console().print(table)
+
+
+def _totals(rows: Sequence[Kept]) -> str:
+    failed = sum(row.state == "failed" for row in rows)
+    seconds = sum(row.seconds for row in rows)
+    return f"{len(rows)} runs, {failed} of them failed, {seconds:.0f} s of computing"
+
+
+def show_run(row: Kept, result: Mapping[str, Any], as_json: bool, quiet: bool) -> None:
+    """Settings and result of a run, with its arrays."""
+    damaged = row.state == "done" and not result
+    if as_json:
+        known = {name: value for name, value in vars(row).items() if name != "result"}
+        print_json({**known, "result": dict(result), "damaged": damaged})
+    elif not quiet:
+        from rich.table import Table
+
+        table = Table(title=f"{escape(row.name)}: {row.state}, {row.seconds:.1f} s", title_justify="left")
+        table.add_column("what")
+        table.add_column("value", overflow="fold")
+        heads = {name: getattr(row, name) for name in ("key", "function", "version", "finished")}
+        settings = {f"settings.{name}": value for name, value in row.settings.items()}
+        found = {f"result.{name}": value for name, value in result.items()}
+        for name, value in {**heads, **settings, **found}.items():
+            table.add_row(escape(name), escape(_short(value)))
+        if row.message:
+            table.add_row("why it failed", escape(row.message))
+        if damaged:
+            table.add_row("result", "its arrays are missing or damaged; it is computed again when it is next needed")
+        _console().print(table)
+
+
+def _short(value: Any) -> str:
+    """Arrays by their shape, everything else in full."""
+    if hasattr(value, "shape"):
+        size = f"array of {' x '.join(map(str, value.shape))}"
+        return (
+            f"{size}, from {value.min():.6g} to {value.max():.6g}" if value.size and value.dtype.kind in "iuf" else size
+        )
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def show_reproduction(reproduction: Reproduction, as_json: bool, quiet: bool) -> None:

@@ -76,8 +76,8 @@ class Campaign:
         Notes
         -----
         A run that raises a `RigtwinError` is listed with its message, and kept as failed if it would fail again (a
-        `BadInput` or `SimulationFailed`); any other exception is listed as a fault of rigtwin.  A run that another process
-        computes is awaited.
+        `BadInput` or `SimulationFailed`); any other exception is listed as a fault of rigtwin.  A run that another
+        process computes is awaited.
         """
         kept = self.store.find(runs)
         failed = {} if retry else {run.name: why for run in runs if (why := self.store.failure(run))}

@@ -26,6 +26,7 @@ import numpy as np
 from rigtwin.compare.campaign.run import Result, Run, same_inputs
 from rigtwin.compare.result_files import plain
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.output_files import replacing
 from rigtwin.lab.version import __version__
 
 if TYPE_CHECKING:
@@ -180,15 +181,46 @@ class Store:
         """One row for each run: settings and results as flat columns (``settings.count``, ``result.bed_height``)."""
         import pandas as pd
 
+        heads = ("key", "name", "function", "version", "state", "message", "seconds", "finished")
         rows = []
         for kept in self.rows():
             result = {name: value for name, value in kept.result.items() if name != "arrays"}
-            head = {
-                "key": kept.key, "name": kept.name, "function": kept.function, "version": kept.version,
-                "state": kept.state, "message": kept.message, "seconds": kept.seconds, "finished": kept.finished,
-            }  # fmt: skip
+            head = {name: getattr(kept, name) for name in heads}
             rows.append(head | _flat({"settings": kept.settings, "result": result}))
-        return pd.DataFrame(rows)
+        return pd.DataFrame(rows) if rows else pd.DataFrame(columns=list(heads))
+
+    def export(self, file: Path) -> int:
+        """Write `to_frame` as Parquet or CSV, by the ending of the name.
+
+        Parameters
+        ----------
+        file : Path
+            ``.parquet`` or ``.csv``; replaced when the new one is whole.
+
+        Returns
+        -------
+        int
+            Number of runs.
+
+        Raises
+        ------
+        BadInput
+            For another ending.
+
+        Notes
+        -----
+        In Parquet a column has one type: one that holds texts and numbers is written as text in JSON.
+        """
+        ending = file.suffix.lower()
+        if ending not in (".parquet", ".csv"):
+            raise BadInput(f"{file}: the name ends neither in .parquet nor in .csv; give one of the two.")
+        frame = self.to_frame()
+        with replacing(file) as part:
+            if ending == ".csv":
+                frame.to_csv(part, index=False)
+            else:
+                _one_type_each(frame).to_parquet(part, engine="pyarrow", index=False)
+        return len(frame)
 
     def _row(self, run: Run) -> sqlite3.Row | None:
         with self._in_words():
@@ -321,6 +353,20 @@ def _parsed(text: str) -> dict[str, Any]:
     except (TypeError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def _one_type_each(frame: pd.DataFrame) -> pd.DataFrame:
+    """The table with columns of several types as text in JSON."""
+    import pyarrow as pa
+
+    def single(column: pd.Series[Any]) -> pd.Series[Any]:
+        try:
+            pa.Array.from_pandas(column)
+        except (pa.ArrowException, OverflowError):
+            return column.map(json.dumps)
+        return column
+
+    return frame.apply(single) if len(frame) else frame
 
 
 def _flat(value: Mapping[str, Any], above: str = "") -> dict[str, Any]:

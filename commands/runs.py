@@ -1,0 +1,94 @@
+"""``rigtwin runs STORE``: what a store of runs holds; show, drop and export runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from rigtwin.commands.display import print_json, show_run, show_runs
+from rigtwin.commands.options import Json, Quiet
+
+if TYPE_CHECKING:
+    from rigtwin.compare.campaign.store import Kept, Store
+
+Action = Literal["list", "show", "drop", "export"]
+
+
+def runs(
+    folder: Annotated[Path, typer.Argument(metavar="STORE", help="The store's folder, or the one above its runs/.")],
+    action: Annotated[Action, typer.Argument(metavar="ACTION", help="list, show, drop or export.")] = "list",
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Runs, by name or key; for export FILE.parquet or FILE.csv."),
+    ] = None,
+    *,
+    failed: Annotated[bool, typer.Option("--failed", help="Drop all runs that failed.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """List, show, drop or export the runs of a store.
+
+    A store is the folder in which reproduce keeps finished runs. A dropped run is computed again when it is needed.
+    """
+    from rigtwin.compare.campaign.store import Store
+    from rigtwin.lab.errors import BadInput
+
+    given = names or []
+    if failed and action != "drop":
+        raise BadInput(f"--failed: belongs to drop, not to {action}; leave it out.")
+    if action == "list" and given:
+        raise BadInput(f"{given[0]!r}: list takes no names; use show {given[0]}.")
+    if action in ("show", "export") and len(given) != 1:
+        wanted = "one name or key of a run" if action == "show" else "one file, FILE.parquet or FILE.csv"
+        raise BadInput(f"{action}: takes {wanted}, and {len(given)} were given.")
+    if action == "drop" and not given and not failed:
+        raise BadInput("drop: name the runs to drop, or give --failed.")
+    with Store(_place(folder), create=False) as store:
+        if action == "list":
+            show_runs(store.rows(), as_json, quiet)
+        elif action == "show":
+            row = _row(store, given[0])
+            show_run(row, store.result(row.key), as_json, quiet)
+        elif action == "drop":
+            kept = [row for row in store.rows() if row.state == "failed"] if failed else []
+            dropped = {row.key: row for row in (*(_row(store, name) for name in given), *kept)}
+            store.drop(tuple(dropped))
+            _tell({"dropped": sorted(dropped)}, f"Dropped {_number(len(dropped))}.", as_json, quiet)
+        else:
+            count = store.export(Path(given[0]))
+            _tell({"file": given[0], "runs": count}, f"Wrote {_number(count)} to {given[0]}.", as_json, quiet)
+
+
+def _place(folder: Path) -> Path:
+    """The store itself, where `folder` holds one in ``runs``."""
+    from rigtwin.compare.campaign.store import LEDGER
+
+    below = folder / "runs"
+    return below if (below / LEDGER).is_file() and not (folder / LEDGER).is_file() else folder
+
+
+def _row(store: Store, name: str) -> Kept:
+    """The run with this key or this name."""
+    from rigtwin.lab.errors import BadInput
+
+    rows = store.rows()
+    found = [row for row in rows if row.key == name] or [row for row in rows if row.name == name]
+    if not found:
+        raise BadInput(f"{name!r}: is neither the name nor the key of a run in {store.folder}; `list` shows them.")
+    if len(found) > 1:
+        keys = ", ".join(row.key for row in found)
+        raise BadInput(f"{name!r}: {len(found)} runs have this name; give the key of one: {keys}.")
+    return found[0]
+
+
+def _number(count: int) -> str:
+    return f"{count} run" if count == 1 else f"{count} runs"
+
+
+def _tell(document: dict[str, Any], words: str, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        print_json(document)
+    elif not quiet:
+        typer.echo(words)
