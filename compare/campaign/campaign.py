@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from rigtwin.compare.campaign.run import Done, Result, Run
-from rigtwin.compare.campaign.runners import Pool, Runner, local, perform
+from rigtwin.compare.campaign.runners import ClusterLost, Pool, Runner, local, perform
 from rigtwin.compare.campaign.store import Store
 from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.progress import Progress, silent
@@ -71,7 +71,7 @@ class Campaign:
         Raises
         ------
         RigtwinError
-            If a worker process ends unexpectedly.
+            If a worker process or the cluster ends unexpectedly.
 
         Notes
         -----
@@ -140,14 +140,14 @@ class Campaign:
         """Keep the result of a job, or why it has none."""
         try:
             result, seconds = job.result()
+        except (BrokenProcessPool, ClusterLost):  # the other runs cannot continue either
+            raise
         except RigtwinError as error:
             work.failures[run.name] = str(error)
             if isinstance(error, (BadInput, SimulationFailed)):  # it would fail again
                 self.store.keep_failure(run, str(error), 0.0)
             else:
                 self.store.release(run)
-        except BrokenProcessPool:  # the other runs cannot continue either
-            raise
         except MemoryError:
             work.failures[run.name] = "does not fit into memory; close other programs or give fewer --workers."
             work.out_of_memory.append(run.name)
@@ -228,7 +228,7 @@ def run_all(
     BadInput
         If the store cannot be used.
     RigtwinError
-        If a worker process ends unexpectedly.
+        If a worker process or the cluster ends unexpectedly.
     """
     with Store(folder, create=not only_kept) as store:
         if only_kept:

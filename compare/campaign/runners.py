@@ -6,10 +6,13 @@ computed by one thread and gives the same result everywhere.
 
 from __future__ import annotations
 
+import re
+import socket
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -48,6 +51,10 @@ class Pool:
 
 Runner = Callable[[int], AbstractContextManager[Pool]]
 """Opens a pool for so many runs."""
+
+
+class ClusterLost(BadInput):
+    """The cluster has ended, and with it the runs that it had not finished."""
 
 
 def perform(function: str, settings: dict[str, Any], version: str) -> tuple[Result, float]:
@@ -93,7 +100,7 @@ def runner(cluster: str | None, workers: int | None, folder: Path) -> Runner:
     if name == "slurm":
         parameters = _parameters(rest)
         return lambda jobs: batch(jobs, folder / "jobs", parameters)
-    if "://" in cluster:
+    if re.fullmatch(r"(tcp|tls)://[^\s/]+:\d{1,5}", cluster):
         return lambda jobs: dask(jobs, cluster)
     raise BadInput(
         f"--cluster: {cluster!r} is neither the address of a Dask scheduler like tcp://host:8786 nor slurm; correct it."
@@ -125,29 +132,72 @@ def dask(jobs: int, address: str) -> Iterator[Pool]:
         import distributed
     except ImportError:
         raise BadInput('--cluster: needs Dask; install it with pip install "rigtwin[dask]".') from None
+    security: Any = distributed.Security()  # type: ignore[no-untyped-call]
+    if address.startswith("tls:") and not security.get_connection_args("client").get("ssl_context"):
+        raise BadInput(
+            "--cluster: tls:// needs certificates; name them in Dask's configuration (distributed.comm.tls)."
+        )
     try:
+        _knock(address)
         client: Any = distributed.Client(address, timeout=ANSWER, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise BadInput(
-            f"--cluster: no Dask scheduler answers at {address} ({reason}); start one with `dask scheduler` or correct "
-            "the address."
+            f"--cluster: no Dask scheduler answers at {address} ({_reason(error)}); start one with `dask scheduler` "
+            "or correct the address."
         ) from None
+
+    def version() -> str:  # sent as code, because a worker may have a rigtwin without this module
+        from rigtwin.lab.version import __version__ as found
+
+        return str(found)
+
     try:
         threads = {worker: int(number) for worker, number in client.nthreads().items()}
         if not threads:
             raise BadInput(f"--cluster: the scheduler at {address} has no workers; start some with `dask worker`.")
-        _same_version(client.run(_version, on_error="return"))
-        yield Pool(client.get_executor(pure=False), min(jobs, AHEAD * sum(threads.values())))
+        _same_version(client.run(version, on_error="return"))
+        workers = _Workers(client.get_executor(pure=False), address)
+        yield Pool(workers, min(jobs, AHEAD * sum(threads.values())))
     finally:
         with suppress(Exception):  # the scheduler may have ended
             client.close(timeout=ANSWER)
 
 
-def _version() -> str:
-    from rigtwin.lab.version import __version__ as version
+def _knock(address: str) -> None:
+    """Raise `OSError` where nobody listens: Dask itself would try again until its time is over."""
+    host, _, port = address.partition("://")[2].rpartition(":")
+    socket.create_connection((host.strip("[]"), min(int(port), 65535)), timeout=ANSWER).close()
 
-    return version
+
+class _Workers:
+    """Workers of a Dask scheduler, with its own errors in words."""
+
+    def __init__(self, executor: Submits, address: str) -> None:
+        self._executor = executor
+        self._address = address
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_running_or_notify_cancel()
+
+        def take(job: Future[Any]) -> None:
+            try:
+                future.set_result(job.result())
+            except Exception as error:
+                future.set_exception(self._in_words(error))
+
+        self._executor.submit(function, *arguments).add_done_callback(take)
+        return future
+
+    def _in_words(self, error: Exception) -> Exception:
+        if isinstance(error, CancelledError):
+            return ClusterLost(
+                f"--cluster: the scheduler at {self._address} has ended or was restarted; start it again, and the same "
+                "command runs what is not kept yet."
+            )
+        if type(error).__name__ == "KilledWorker":
+            return RigtwinError("its workers ended one after the other, most likely because memory ran out.")
+        return error
 
 
 def _same_version(found: dict[str, Any]) -> None:
@@ -176,8 +226,7 @@ def batch(jobs: int, folder: Path, parameters: dict[str, Any]) -> Iterator[Pool]
         executor = submitit.AutoExecutor(folder, cluster=chosen.pop("cluster", "slurm"))
         executor.update_parameters(**{"name": "rigtwin", "cpus_per_task": 1, "timeout_min": 60, **chosen})
     except Exception as error:  # submitit raises RuntimeError, NameError, ValueError and its own
-        reason = f"{error}".splitlines()[0].rstrip(".")
-        raise BadInput(f"--cluster: slurm cannot be used ({reason}); check that sbatch works here.") from None
+        raise BadInput(f"--cluster: slurm cannot be used ({_reason(error)}); check that sbatch works here.") from None
     queue = _Queue(executor)
     try:
         yield Pool(queue, min(jobs, JOBS))
@@ -198,7 +247,12 @@ class _Queue:
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
         future: Future[Any] = Future()
         future.set_running_or_notify_cancel()
-        job = self._executor.submit(function, *arguments)
+        try:
+            job = self._executor.submit(_caught, function, *arguments)
+        except Exception as error:  # submitit raises its own, RuntimeError and OSError
+            raise ClusterLost(
+                f"--cluster: slurm takes no job ({_reason(error)}); check that sbatch works here."
+            ) from None
         with self._change:
             self._waiting[future] = job
         return future
@@ -214,28 +268,40 @@ class _Queue:
     def _watch(self) -> None:
         while not self._ended.wait(POLL):
             with self._change:
-                finished = {future: job for future, job in self._waiting.items() if job.done()}
+                finished = {future: job for future, job in self._waiting.items() if _is_done(job)}
                 for future in finished:
                     del self._waiting[future]
             for future, job in finished.items():
                 try:
-                    future.set_result(job.result())
+                    found = job.result()
                 except Exception as error:
-                    future.set_exception(_first_cause(job, error))
+                    log = job.paths.stderr
+                    found = RigtwinError(f"its job ended without a result ({_reason(error)}); its log is {log}.")
+                if isinstance(found, Exception):
+                    future.set_exception(found)
+                else:
+                    future.set_result(found)
 
 
-def _first_cause(job: Any, error: Exception) -> Exception:
-    """The exception in the job itself, which submitit gives as text only."""
-    with suppress(Exception):
-        text = str(job.exception())
-        name, _, message = text.strip().splitlines()[-1].partition(": ")
-        if name.rpartition(".")[2] in ("BadInput", "NothingToMeasure"):
-            return BadInput(message)
-        if name.rpartition(".")[2] == "RigtwinError":
-            return RigtwinError(message)
-        if name == "MemoryError":
-            return MemoryError(message)
-    return error
+def _caught(function: Callable[..., Any], *arguments: Any) -> Any:
+    """The result, or the exception with its traceback as a note: submitit itself would give its text only."""
+    try:
+        return function(*arguments)
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        return error
+
+
+def _is_done(job: Any) -> bool:
+    try:
+        return bool(job.done())
+    except Exception:  # the batch system does not answer for the moment
+        return False
+
+
+def _reason(error: Exception) -> str:
+    lines = str(error).splitlines()
+    return lines[0].rstrip(".: ") if lines else type(error).__name__
 
 
 def _parameters(text: str) -> dict[str, Any]:
