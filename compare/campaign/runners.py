@@ -164,7 +164,7 @@ def dask(jobs: int, address: str) -> Iterator[Pool]:
 
 
 def _knock(address: str) -> None:
-    """Raise `OSError` where nobody listens: Dask itself would try again until its time is over."""
+    """Raise `OSError` where nothing listens: Dask itself would try again until its time is over."""
     host, _, port = address.partition("://")[2].rpartition(":")
     socket.create_connection((host.strip("[]"), min(int(port), 65535)), timeout=ANSWER).close()
 

@@ -19,7 +19,7 @@ from rigtwin.compare.campaign.store import Store
 from rigtwin.lab.errors import BadInput, RigtwinError
 
 HERE = "rigtwin.tests.compare.campaign.test_cluster"
-ENDS = 20.0  # [s], for a process that was told to end
+ENDS = 20.0  # [s], for a process that was asked to end
 
 
 def draw(seed, count=100):
@@ -172,7 +172,7 @@ def test_a_worker_with_another_version_is_refused(cluster, tmp_path):
         cluster.remove(odd)
 
 
-def test_a_scheduler_that_ends_in_the_middle_is_told_and_finished_runs_are_kept(tmp_path):
+def test_a_scheduler_that_ends_in_the_middle_is_named_and_finished_runs_are_kept(tmp_path):
     def end(_stage, done, _whole):
         if done == 3:
             ended(cluster.scheduler)
@@ -214,9 +214,9 @@ def test_an_unreachable_scheduler_is_one_sentence_within_fifteen_seconds(tmp_pat
 )
 def test_a_cluster_that_cannot_be_used_is_refused(tmp_path, monkeypatch, cluster, words):
     monkeypatch.setenv("PATH", str(tmp_path))  # no sbatch
-    with pytest.raises(BadInput, match=words) as told:
+    with pytest.raises(BadInput, match=words) as refusal:
         run_all(runs(1), tmp_path, runner=runner(cluster, None, tmp_path))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_workers_of_this_machine_and_a_cluster_exclude_each_other(tmp_path):
