@@ -55,10 +55,10 @@ def runs(
             kept = [row for row in store.rows() if row.state == "failed"] if failed else []
             dropped = {row.key: row for row in (*(_row(store, name) for name in given), *kept)}
             store.drop(tuple(dropped))
-            _tell({"dropped": sorted(dropped)}, f"Dropped {_number(len(dropped))}.", as_json, quiet)
+            _print({"dropped": sorted(dropped)}, f"Dropped {_number(len(dropped))}.", as_json, quiet)
         else:
             count = store.export(Path(given[0]))
-            _tell({"file": given[0], "runs": count}, f"Wrote {_number(count)} to {given[0]}.", as_json, quiet)
+            _print({"file": given[0], "runs": count}, f"Wrote {_number(count)} to {given[0]}.", as_json, quiet)
 
 
 def _place(folder: Path) -> Path:
@@ -87,7 +87,7 @@ def _number(count: int) -> str:
     return f"{count} run" if count == 1 else f"{count} runs"
 
 
-def _tell(document: dict[str, Any], words: str, as_json: bool, quiet: bool) -> None:
+def _print(document: dict[str, Any], words: str, as_json: bool, quiet: bool) -> None:
     if as_json:
         print_json(document)
     elif not quiet:

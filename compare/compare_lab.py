@@ -373,7 +373,7 @@ def _outcome(experiment: Experiment, measured: Measured, twins: Sequence[Twin]) 
     rows = deviations(
         experiment.id,
         experiment.rig_name,
-        [quantity for item in measured.measurements for quantity in over_views(item.quantities)],
+        measured.quantities,
         [quantity for twin in twins for quantity in over_views(twin.evaluation.quantities)],
         set_from=twins[0].set_from,
         run_name=entry.run_name,

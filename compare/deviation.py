@@ -191,6 +191,11 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
     )
 
 
+def is_result(quantity: str, side: Detail | None) -> bool:
+    """Whether a quantity is a result of its rig; of the sides of a heap only their mean is."""
+    return quantity in RESULTS and side in (None, "mean")
+
+
 def over_views(quantities: Sequence[Quantity]) -> list[Quantity]:
     """Combine the views of one repetition, because several views of a pile are not repetitions.
 

@@ -11,13 +11,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from rigtwin.compare.deviation import over_views
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import interrupts_held, spawned
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.tracked.table import is_table
 
 
@@ -35,6 +36,11 @@ class Measured:
 
     measurements: tuple[Measurement, ...]
     failures: tuple[Failure, ...]
+
+    @property
+    def quantities(self) -> list[Quantity]:
+        """Quantities of all repetitions, the views of each combined."""
+        return [quantity for item in self.measurements for quantity in over_views(item.quantities)]
 
 
 def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:

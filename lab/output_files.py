@@ -138,21 +138,57 @@ def remove_leftovers(folder: Path) -> None:
                     file.unlink()
 
 
-def _locked(lock: Path, mode: int, refusal: str) -> int | None:
-    """An open handle that holds the lock, None where the system has no locks."""
+def locked(handle: int) -> bool:
+    """Lock an open file or folder until it is closed.
+
+    Parameters
+    ----------
+    handle : int
+        Its descriptor.
+
+    Returns
+    -------
+    bool
+        False where the system has no such locks (some network file systems).
+
+    Raises
+    ------
+    BlockingIOError
+        Another process, or another descriptor of this one, holds the lock.
+    """
     if sys.platform == "win32":
-        return None
+        import msvcrt
+
+        try:
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        except OSError as error:
+            raise BlockingIOError(errno.EWOULDBLOCK, os.strerror(errno.EWOULDBLOCK)) from error
+        return True
     import fcntl
 
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            raise BlockingIOError(error.errno, os.strerror(error.errno)) from None
+        return False
+    return True
+
+
+def _locked(lock: Path, mode: int, refusal: str) -> int | None:
+    """An open handle that holds the lock, None where the system has no locks."""
+    if sys.platform == "win32":  # it cannot open a folder
+        return None
     while True:
         with naming(lock):
             handle = os.open(lock, mode)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+            held = locked(handle)
+        except BlockingIOError:
             os.close(handle)
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                raise Claimed(refusal) from None
+            raise Claimed(refusal) from None
+        if not held:
+            os.close(handle)
             return None
         if _same_file(handle, lock):
             return handle

@@ -23,7 +23,7 @@ from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.store import Store
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
 from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, at, names, parse
-from rigtwin.compare.deviation import RESULTS, Deviation, deviations, over_views
+from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.arrays import Array
@@ -57,7 +57,7 @@ BATCH = 2  # points between two looks at the posterior
 NARROWED = 0.03  # relative change of the posterior's width below which it is no longer narrowed
 CERTAIN = 0.3  # emulator's share of the standard uncertainty at which more runs would not help
 TIED = 0.8  # correlation from which two parameters are named as ambiguous
-WIDE = 0.2  # posterior's standard deviation over the range (0.29 of one that is not narrowed) called not determined
+WIDE = 0.2  # standard deviation over the range from which a parameter is not determined; a uniform one has 0.29
 MISFIT = 0.01  # probability of the misfit below which no set fits
 
 
@@ -218,10 +218,7 @@ def calibrate(
     if not fitted:
         raise BadInput(f"{lab.path}: has nothing to fit: no experiment with many particles that is not held out.")
     with measuring(lab.experiments, out, workers) as pending:
-        measured = {
-            name: [quantity for item in found.measurements for quantity in over_views(item.quantities)]
-            for name, found in pending.results(progress).items()
-        }
+        measured = {name: found.quantities for name, found in pending.results(progress).items()}
     parameters = tuple(_parameters(fit, lab, fitted, measured))
     targets = {one.id: _targets(one, measured[one.id]) for one in bulk}
     if not any(targets[one.id] for one in fitted):
@@ -230,12 +227,12 @@ def calibrate(
         )
     fitted = [one for one in fitted if targets[one.id]]
     options = {"count": count, "rolling": rolling}
-    bench = _Bench(lab, fitted, parameters, targets, budget, seed, options)
+    search = _Search(lab, fitted, parameters, targets, budget, seed, options)
     with Store(out / "runs") as store, Campaign(store, runner(cluster, workers, out / "runs")) as campaign:
-        found = bench.run(campaign, progress)
+        found = search.run(campaign, progress)
         held = [one for one in bulk if one.id in hold_out]
-        predictions = tuple(bench.predictions(found, held, campaign, progress))
-    calibration = bench.result(found, predictions)
+        predictions = tuple(search.predictions(found, held, campaign, progress))
+    calibration = search.result(found, predictions)
     contents = {
         "posterior.csv": result_files.table(
             [dict(zip((one.name for one in parameters), row, strict=True)) for row in calibration.samples.tolist()],
@@ -254,7 +251,7 @@ def _parameters(
 ) -> Iterator[Parameter]:
     seen: set[str] = set()
     for text in fit or ("static_friction", "rolling_friction"):
-        name, ranged = (part.strip() for part in text.partition("=")[:2])
+        name, ranged, _ = (part.strip() for part in text.partition("="))
         if name in seen:
             raise BadInput(f"--fit: {name} is given twice; take one of them out.")
         seen.add(name)
@@ -311,9 +308,9 @@ def _measured_value(
         if entry_of(experiment).many_particles or pair(*experiment.contacts[-1]) != wanted:
             continue
         for row in deviations(experiment.id, experiment.rig_name, measured[experiment.id], ()):
-            wanted_here = MEASURED_BY.get((experiment.rig_name, row.quantity)) == name.removeprefix("wall_")
+            parameter = MEASURED_BY.get((experiment.rig_name, row.quantity))
             known = math.isfinite(row.measured) and 0 < row.measured_std_uncertainty < math.inf
-            if wanted_here and known and not row.doubtful:
+            if parameter == name.removeprefix("wall_") and known and not row.doubtful:
                 return row.measured, row.measured_std_uncertainty, experiment.id
     return None
 
@@ -322,7 +319,7 @@ def _targets(experiment: Experiment, measured: Sequence[Quantity]) -> list[Targe
     """The results of a rig, the first method of each."""
     rows: dict[str, Deviation] = {}
     for row in deviations(experiment.id, experiment.rig_name, measured, ()):
-        usable = row.quantity in RESULTS and row.quantity not in SKIPPED and row.side in (None, "mean")
+        usable = is_result(row.quantity, row.side) and row.quantity not in SKIPPED
         known = math.isfinite(row.measured) and math.isfinite(row.measured_std_uncertainty)
         if usable and known and not row.doubtful:
             rows.setdefault(row.quantity, row)
@@ -336,7 +333,7 @@ def _targets(experiment: Experiment, measured: Sequence[Quantity]) -> list[Targe
 
 
 @dataclass
-class _Found:
+class _State:
     """The state of the search."""
 
     unit: list[Array] = field(default_factory=list)  # points of the unit cube
@@ -355,7 +352,7 @@ class _Found:
 
 
 @dataclass(frozen=True)
-class _Bench:
+class _Search:
     """The lab, its twins and the parameters."""
 
     lab: Lab
@@ -370,7 +367,7 @@ class _Bench:
     def every(self) -> list[Target]:
         return [target for one in self.fitted for target in self.targets[one.id]]
 
-    def run(self, campaign: Campaign, progress: Progress) -> _Found:
+    def run(self, campaign: Campaign, progress: Progress) -> _State:
         """Run twins until the posterior is no longer narrowed, the emulators are certain or the budget is spent."""
         from scipy.stats import qmc
 
@@ -381,7 +378,7 @@ class _Bench:
                 f"--budget: {self.budget} runs are too few for {len(self.parameters)} parameters and "
                 f"{len(self.fitted)} experiments; give at least {least}."
             )
-        found = _Found(values={target: [] for target in self.every})
+        found = _State(values={target: [] for target in self.every})
         sampler = qmc.Sobol(len(self.parameters), rng=self.seed)
         self._add(found, sampler.random(2 ** math.ceil(math.log2(first)))[:first], campaign, progress)
         self._update(found)
@@ -400,7 +397,7 @@ class _Bench:
                 found.stopped = "the posterior is no longer narrowed"
         return found
 
-    def _add(self, found: _Found, unit: Array, campaign: Campaign, progress: Progress) -> None:
+    def _add(self, found: _State, unit: Array, campaign: Campaign, progress: Progress) -> None:
         runs: dict[tuple[int, str], Run] = {}
         start = len(found.unit)
         for k, point in enumerate(unit, start=start):
@@ -420,7 +417,7 @@ class _Bench:
         mine = {name: value for name, value in values.items() if _applies(name, experiment)}
         return twin_run(name, *at(Setting(experiment, self.lab.model), mine), seed=seed, **self.options)
 
-    def _update(self, found: _Found) -> None:
+    def _update(self, found: _State) -> None:
         unit = np.array(found.unit)
         found.emulators = []
         for target in self.every:
@@ -432,11 +429,11 @@ class _Bench:
             found.emulators.append(emulators.fit(unit[known], values[known], seed=self.seed))
         found.samples, found.density = sample(self.parameters, self.every, found.emulators, seed=self.seed)
 
-    def _width(self, found: _Found) -> float:
+    def _width(self, found: _State) -> float:
         """Geometric mean of the posterior's standard deviations, over the ranges."""
         return float(np.exp(np.mean(np.log(np.maximum(np.std(found.samples, axis=0), 1e-6)))))
 
-    def _shares(self, found: _Found, unit: Array) -> Array:
+    def _shares(self, found: _State, unit: Array) -> Array:
         """The emulators' share of the variance, shape (n, targets)."""
         shares = []
         for target, emulator in zip(self.every, found.emulators, strict=True):
@@ -444,10 +441,10 @@ class _Bench:
             shares.append(emulated**2 / variance(target, emulator, emulated))
         return np.array(shares).T
 
-    def _certain(self, found: _Found) -> bool:
+    def _certain(self, found: _State) -> bool:
         return bool(np.sqrt(self._shares(found, found.samples[::20]).mean(axis=0)).max() < CERTAIN)
 
-    def _next(self, found: _Found) -> Array:
+    def _next(self, found: _State) -> Array:
         """Points of the posterior where the emulators are least certain, apart from each other."""
         random = np.random.default_rng(self.seed + len(found.unit))
         pool = found.samples[random.choice(len(found.samples), 400)]
@@ -460,7 +457,7 @@ class _Bench:
         return np.array(chosen)
 
     def predictions(
-        self, found: _Found, held: Sequence[Experiment], campaign: Campaign, progress: Progress
+        self, found: _State, held: Sequence[Experiment], campaign: Campaign, progress: Progress
     ) -> Iterator[dict[str, Any]]:
         """The best set's twins, with other seeds than those of the emulators, beside the measurements."""
         best = found.best
@@ -486,7 +483,7 @@ class _Bench:
                     "percent_deviation": _percent(mean, target.value),
                 }  # fmt: skip
 
-    def result(self, found: _Found, predictions: tuple[dict[str, Any], ...]) -> Calibration:
+    def result(self, found: _State, predictions: tuple[dict[str, Any], ...]) -> Calibration:
         from scipy.stats import chi2
 
         samples = np.column_stack([one.value(found.samples[:, k]) for k, one in enumerate(self.parameters)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import traceback
 from collections import deque
 from collections.abc import Iterator, Sequence, Sized
@@ -108,7 +109,7 @@ class Campaign:
                 yield run, self.store.find([run])[run.name]
             if not work.pending:
                 if work.elsewhere:
-                    wait_for_others()
+                    time.sleep(LOOK)
                 continue
             ended, _ = wait(work.pending, timeout=LOOK if work.elsewhere else None, return_when=FIRST_COMPLETED)
             for job in ended:
@@ -186,13 +187,6 @@ class _Work:
             self.faults[same] = self.faults[name]
         if name in self.out_of_memory and same not in self.out_of_memory:
             self.out_of_memory.append(same)
-
-
-def wait_for_others() -> None:
-    """Wait before another look at runs that other processes have claimed."""
-    import time
-
-    time.sleep(LOOK)
 
 
 def run_all(

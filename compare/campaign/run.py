@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from rigtwin.compare.result_files import plain
@@ -26,7 +27,7 @@ class Run:
     cost: float = 1.0  # [s], estimated run time; the longest runs start first
     inputs: Mapping[str, Any] = field(default_factory=dict)  # data behind the names in the settings: numbers and texts
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Digest of rigtwin's version, function and settings: 20 hexadecimal digits."""
         what = json.dumps([__version__, self.function, plain(self.settings)], sort_keys=True)

@@ -26,7 +26,7 @@ import numpy as np
 from rigtwin.compare.campaign.run import Result, Run, same_inputs
 from rigtwin.compare.result_files import plain
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.output_files import replacing
+from rigtwin.lab.output_files import locked, replacing
 from rigtwin.lab.version import __version__
 
 if TYPE_CHECKING:
@@ -254,17 +254,10 @@ class Store:
         return self.folder / "arrays" / f"{key}.npz"
 
     def _write_arrays(self, key: str, arrays: Mapping[str, Any]) -> None:
-        path = self._arrays(key)
-        path.parent.mkdir(exist_ok=True)
-        partial = path.with_name(f"{path.name}.{self._owner.token}.part")
-        try:
-            with partial.open("wb") as file:
-                np.savez_compressed(file, **arrays)
-                file.flush()
-                os.fsync(file.fileno())
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+        with replacing(self._arrays(key)) as part, part.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -308,7 +301,7 @@ class _Owner:
         if self._file is None:
             self._folder.mkdir(exist_ok=True)
             self._file = (self._folder / self.token).open("wb")
-            _lock(self._file)
+            locked(self._file.fileno())
 
     def end(self) -> None:
         if self._file is not None:
@@ -323,28 +316,13 @@ class _Owner:
         path = self._folder / token
         try:
             with path.open("rb+") as file:
-                if not _lock(file):
-                    return True
+                locked(file.fileno())
+        except BlockingIOError:
+            return True
         except OSError:  # it has ended and its file is gone
             return False
         path.unlink(missing_ok=True)
         return False
-
-
-def _lock(file: IO[bytes]) -> bool:
-    """Lock an open file until it is closed; false where another process holds the lock."""
-    try:
-        if os.name == "nt":
-            import msvcrt
-
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-        else:
-            import fcntl
-
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
 
 
 def _parsed(text: str) -> dict[str, Any]:

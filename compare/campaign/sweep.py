@@ -15,8 +15,8 @@ from rigtwin.compare.campaign.run import Done, Run
 from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.sweep_figures import figures
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import Design, Point, Setting, Varied, at, parse, points
-from rigtwin.compare.deviation import IDENTITY, RESULTS, deviations, key_of, over_views
+from rigtwin.compare.campaign.vary import WHOLE, Design, Point, Setting, Varied, at, parse, points
+from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.camera import Camera
@@ -114,7 +114,7 @@ def _entry(rig: str, stated: Sequence[str], particle: str, wall: str | None) -> 
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise BadInput(f"--set: {text!r} is not like base_diameter=90mm.")
-        keys[name] = int(value) if value.isdecimal() and name in ("count", "bounces") else value
+        keys[name] = int(value) if value.isdecimal() and name in WHOLE else value
     try:
         entry: ExperimentEntry = TypeAdapter(ExperimentEntry).validate_python(keys)
     except ValidationError as error:
@@ -212,8 +212,10 @@ def sweep(
         If a parameter is unknown or a value impossible, or no run has a result.
     """
     many = entry_of(setting.experiment).many_particles
-    if not many and (given := _idle(count=count, rolling=rolling, stiffness_factor=stiffness_factor)):
-        raise BadInput(f"{given}: the twin of a {setting.experiment.rig_name} has few bodies; leave it out.")
+    of_many = {"--count": count, "--rolling-model": rolling, "--stiffness-factor": stiffness_factor}
+    for option, value in of_many.items():
+        if not many and value is not None:
+            raise BadInput(f"{option}: the twin of a {setting.experiment.rig_name} has few bodies; leave it out.")
     if not many and repetitions > 1:
         raise BadInput("--repetitions: the runs of a twin of few bodies are all the same; leave it out.")
     varied = tuple(parse(text, setting.experiment) for text in vary)
@@ -244,11 +246,6 @@ def sweep(
     return found
 
 
-def _idle(**given: Any) -> str:
-    named = [name for name, value in given.items() if value is not None]
-    return f"--{named[0].replace('_', '-')}".replace("--rolling", "--rolling-model") if named else ""
-
-
 def _checked(setting: Setting, point: Point, count: int | None) -> Setting:
     """The setting at a point, which the twin would accept."""
     moved = at(setting, point)
@@ -269,7 +266,7 @@ def _measured(experiment: Experiment, out: Path, workers: int | None, progress: 
         found = pending.results(progress)[experiment.id]
     if not found.measurements:
         raise BadInput(f"{experiment.id}: no repetition could be measured: {found.failures[0].message}")
-    return [quantity for item in found.measurements for quantity in over_views(item.quantities)]
+    return found.quantities
 
 
 def _run(runs: Sequence[Run], out: Path, where: Any, progress: Progress) -> Done:
@@ -292,7 +289,7 @@ def _rows(
     if not found:
         return [{"failed": why, "runs": 0}]
     entry, rows = entry_of(experiment), []
-    simulated = [one for run in found for one in run if _shown(one)]
+    simulated = [one for run in found for one in run if is_result(one.quantity, one.detail.get("side"))]
     beside = {
         (row.quantity, row.method, row.unit, tuple(getattr(row, name) for name in IDENTITY)): row
         for row in deviations(experiment.id, experiment.rig_name, measured, simulated, run_name=entry.run_name)
@@ -318,8 +315,3 @@ def _rows(
             }  # fmt: skip
         rows.append(row)
     return rows
-
-
-def _shown(quantity: Quantity) -> bool:
-    """Whether a quantity is a result of its rig; of sides only their mean."""
-    return quantity.quantity in RESULTS and quantity.detail.get("side") in (None, "mean")

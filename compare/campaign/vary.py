@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_hints
 
 from rigtwin.lab.errors import BadInput
@@ -101,7 +102,7 @@ def names(experiment: Experiment) -> list[str]:
     own = list(PARAMETERS) if experiment.rig.particles_touch else []
     wall = [] if experiment.wall is None else [f"wall_{name}" for name in PARAMETERS]
     taken = {field.name for field in fields(experiment.rig)} - {"variant", "hanger"}
-    return [*own, *wall, *OF_PARTICLE, *(name for name in _entry_hints(experiment) if name in taken)]
+    return [*own, *wall, *OF_PARTICLE, *(name for name in _entry_hints(experiment.rig_name) if name in taken)]
 
 
 def points(varied: Sequence[Varied], design: Design, number: int | None, seed: int) -> list[Point]:
@@ -175,9 +176,8 @@ def at(setting: Setting, point: Point) -> Setting:
         elif name in OF_PARTICLE:
             experiment = replace(experiment, particle=_particle(experiment.particle, name, value))
         elif name in rig:
-            whole = round(value) if name in WHOLE else value
             settings: Any = experiment.rig
-            experiment = replace(experiment, rig=replace(settings, **{name: whole}))
+            experiment = replace(experiment, rig=replace(settings, **{name: value}))
     return Setting(experiment, model)
 
 
@@ -200,10 +200,11 @@ def _particle(particle: Particle, name: str, value: float) -> Particle:
     return clumped(particle.name, particle.material, shape, density=density)
 
 
-def _entry_hints(experiment: Experiment) -> dict[str, Any]:
-    """Types of the keys of the experiment's rig in lab.toml."""
+@cache
+def _entry_hints(rig: str) -> dict[str, Any]:
+    """Types of the keys of a rig in lab.toml."""
     kinds = {get_args(get_type_hints(kind)["rig"])[0]: kind for kind in get_args(ExperimentEntry)}
-    return get_type_hints(kinds[experiment.rig_name], include_extras=True)
+    return get_type_hints(kinds[rig], include_extras=True)
 
 
 def _value(name: str, text: str, experiment: Experiment, option: str) -> float:
@@ -220,7 +221,7 @@ def _value(name: str, text: str, experiment: Experiment, option: str) -> float:
 
     try:
         item = int(text) if text.isdecimal() and name in WHOLE else text
-        return float(TypeAdapter(_entry_hints(experiment)[name]).validate_python(item))
+        return float(TypeAdapter(_entry_hints(experiment.rig_name)[name]).validate_python(item))
     except ValidationError as error:
         raise BadInput(f"{option}: {name}: {str(error.errors()[0]['msg']).removeprefix('Value error, ')}") from None
 

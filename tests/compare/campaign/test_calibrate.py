@@ -71,7 +71,7 @@ def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path
     for name, value in {"static_friction": 0.5, "rolling_friction": 0.05}.items():
         assert found["intervals"][name]["low"] < value < found["intervals"][name]["high"]
     assert found["fits"]
-    assert found["ambiguous"], "one bed height does not tell two frictions"
+    assert found["ambiguous"], "one bed height does not separate two frictions"
     (bed,) = found["predictions"]
     assert abs(bed["percent_deviation"]) < 3
     model = read_model(tmp_path / "model.toml")
