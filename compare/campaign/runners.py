@@ -6,6 +6,7 @@ computed by one thread and gives the same result everywhere.
 
 from __future__ import annotations
 
+import asyncio
 import re
 import socket
 import threading
@@ -139,6 +140,7 @@ def dask(jobs: int, address: str) -> Iterator[Pool]:
         )
     try:
         _knock(address)
+        asyncio.run(asyncio.wait_for(_asked(address, security), ANSWER))
         client: Any = distributed.Client(address, timeout=ANSWER, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise BadInput(
@@ -167,6 +169,14 @@ def _knock(address: str) -> None:
     """Raise `OSError` where nothing listens: Dask itself would try again until its time is over."""
     host, _, port = address.partition("://")[2].rpartition(":")
     socket.create_connection((host.strip("[]"), min(int(port), 65535)), timeout=ANSWER).close()
+
+
+async def _asked(address: str, security: Any) -> None:
+    """Return when a scheduler has answered: Dask's client waits without end for a listener that says nothing."""
+    from distributed.core import rpc
+
+    async with rpc(address, connection_args=security.get_connection_args("client")) as scheduler:
+        await scheduler.identity()
 
 
 class _Workers:
