@@ -175,7 +175,8 @@ async def _asked(address: str, security: Any) -> None:
     """Return when a scheduler has answered: Dask's client waits without end for a listener that says nothing."""
     from distributed.core import rpc
 
-    async with rpc(address, connection_args=security.get_connection_args("client")) as scheduler:
+    connection: Any = rpc(address, connection_args=security.get_connection_args("client"))  # type: ignore[no-untyped-call]
+    async with connection as scheduler:
         await scheduler.identity()
 
 
