@@ -24,7 +24,7 @@ def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecut
     """
     workers = max(1, min(workers or os.cpu_count() or 1, jobs))
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_start_worker)
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=start_worker)
     try:
         yield pool
     except BrokenProcessPool:
@@ -71,7 +71,7 @@ def _one_thread_each() -> Iterator[None]:
                 del os.environ[name]
 
 
-def _start_worker() -> None:
+def start_worker() -> None:
     """Let Ctrl-C end a worker silently, as the main process reports it, and end the worker with the main process."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)

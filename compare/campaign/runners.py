@@ -7,15 +7,18 @@ computed by one thread and gives the same result everywhere.
 from __future__ import annotations
 
 import asyncio
+import multiprocessing
 import re
 import socket
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
@@ -24,7 +27,7 @@ import numpy as np
 
 from rigtwin.compare.campaign.run import Result
 from rigtwin.compare.result_files import plain
-from rigtwin.compare.worker_processes import interrupts_held, spawned
+from rigtwin.compare.worker_processes import interrupts_held, spawned, start_worker
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.version import __version__
 
@@ -32,8 +35,6 @@ ANSWER = 10.0  # [s], within which a Dask scheduler must answer
 AHEAD = 2  # runs handed out to a Dask worker: one that it computes and one that waits
 POLL = 0.5  # [s], between two looks at the jobs of a batch system
 JOBS = 200  # jobs of a batch system at a time
-
-_one_at_a_time = threading.Lock()  # a process has one simulation at a time
 
 
 class Submits(Protocol):
@@ -65,14 +66,31 @@ def perform(function: str, settings: dict[str, Any], version: str) -> tuple[Resu
     """
     if version != __version__:
         raise RigtwinError(f"a worker has rigtwin {__version__}, this campaign {version}; install the same on all.")
+    if threading.current_thread() is not threading.main_thread():  # a worker of Dask
+        return _in_own_process(function, settings, version)
     module, name = function.split(":")
-    with _one_at_a_time:
-        begun = time.perf_counter()
-        found = dict(getattr(import_module(module), name)(**settings))
-        return {
-            str(name): value if isinstance(value, np.ndarray) and value.ndim else plain(value)
-            for name, value in found.items()
-        }, time.perf_counter() - begun
+    begun = time.perf_counter()
+    found = dict(getattr(import_module(module), name)(**settings))
+    return {
+        str(name): value if isinstance(value, np.ndarray) and value.ndim else plain(value)
+        for name, value in found.items()
+    }, time.perf_counter() - begun
+
+
+def _in_own_process(function: str, settings: dict[str, Any], version: str) -> tuple[Result, float]:
+    """Compute a run in a process that this one keeps for it, because an engine starts in a main thread only."""
+    try:
+        with interrupts_held():
+            job = _own_process().submit(perform, function, settings, version)
+        return job.result()
+    except BrokenProcessPool:
+        _own_process.cache_clear()
+        raise RigtwinError("its process ended unexpectedly, most likely because memory ran out.") from None
+
+
+@cache
+def _own_process() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=start_worker)
 
 
 def runner(cluster: str | None, workers: int | None, folder: Path) -> Runner:
@@ -140,7 +158,8 @@ def dask(jobs: int, address: str) -> Iterator[Pool]:
         )
     try:
         _knock(address)
-        asyncio.run(asyncio.wait_for(_asked(address, security), ANSWER))
+        with ThreadPoolExecutor(1) as thread:  # this one may run an event loop already, as in a notebook
+            thread.submit(asyncio.run, asyncio.wait_for(_asked(address, security), ANSWER)).result()
         client: Any = distributed.Client(address, timeout=ANSWER, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise BadInput(
@@ -153,11 +172,21 @@ def dask(jobs: int, address: str) -> Iterator[Pool]:
 
         return str(found)
 
+    def without_children() -> bool:
+        import multiprocessing
+
+        return multiprocessing.current_process().daemon
+
     try:
         threads = {worker: int(number) for worker, number in client.nthreads().items()}
         if not threads:
             raise BadInput(f"--cluster: the scheduler at {address} has no workers; start some with `dask worker`.")
         _same_version(client.run(version, on_error="return"))
+        if any(client.run(without_children).values()):
+            raise BadInput(
+                "--cluster: a worker may not start a process, which each twin needs; start the workers with "
+                "`dask worker --no-nanny`."
+            )
         workers = _Workers(client.get_executor(pure=False), address)
         yield Pool(workers, min(jobs, AHEAD * sum(threads.values())))
     finally:
