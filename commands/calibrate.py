@@ -16,7 +16,7 @@ from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
 if TYPE_CHECKING:
-    from rigtwin.compare.campaign.calibrate import Calibration
+    from rigtwin.compare.campaign.calibration import Calibration
 
 
 def show(found: Calibration, as_json: bool, quiet: bool) -> None:
@@ -34,6 +34,8 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
     for sentence in found.ambiguous:
         typer.echo(sentence)
     for row in found.predictions:
+        if "component" in row["method"]:  # a number without a meaning of its own
+            continue
         kind = "held out" if row["held_out"] else "fitted"
         percent = "" if row["percent_deviation"] is None else f" ({row['percent_deviation']:+.1f} %)"
         value = "none" if row["predicted"] is None else f"{row['predicted']:.4g}{percent}"
@@ -42,12 +44,12 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
             f"predicted {value} {row['unit']}"
         )
     if not found.fits:
-        worst = max(
-            (row for row in found.predictions if row["percent_deviation"] is not None and not row["held_out"]),
-            key=lambda row: abs(row["percent_deviation"]),
-            default=None,
+        worst = found.worst
+        most = (
+            ""
+            if worst is None
+            else f"; {worst['quantity']} of {worst['experiment']} is {abs(worst['z']):.1f} standard deviations off"
         )
-        most = "" if worst is None else f"; {worst['quantity']} of {worst['experiment']} deviates most"
         typer.echo(
             f"no set fits (chi-square {found.misfit[0]:.1f}, probability {found.misfit[1]:.2g}){most}. "
             "Something is missing from the model, or a measurement is wrong."
