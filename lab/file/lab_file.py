@@ -23,7 +23,7 @@ from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Quantity
-from rigtwin.lab.rigs import RIGS, RigName, RigSettings
+from rigtwin.lab.rigs import RIGS, SETTINGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
 
 OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow-outside."
@@ -165,7 +165,8 @@ def _experiment(
     folder: Path, inventory: Inventory, entry: ExperimentEntry, key: Key, allow_outside: bool
 ) -> Experiment | None:
     particle = inventory.particle(entry.particle, (*key, "particle"))
-    wall = None if entry.wall is None else inventory.material(entry.wall, (*key, "wall"))
+    covered = SETTINGS[entry.rig].wall_of_particles
+    wall = None if entry.wall is None else inventory.wall(entry.wall, (*key, "wall"), of_particles=covered)
     repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
     outside = list(_outside(folder, entry, repetitions, key))
     measured, wrong = _measured(entry, key)

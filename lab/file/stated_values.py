@@ -23,6 +23,7 @@ _PLUS_MINUS = re.compile(r"±|\+/?-")
 _NUMBER = re.compile(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?")
 _WORDS = {"side": SIDES, "body": BODIES}
 MOST_REPETITIONS = 1_000_000  # a number that was meant to be smaller
+LONGEST_TEXT = 100  # characters; no value needs more
 
 
 class MeanOfRepetitions(NamedTuple):
@@ -87,6 +88,8 @@ def mean_of_repetitions(text: str, dimension: str) -> MeanOfRepetitions:
     >>> mean_of_repetitions("0.42 +- 0.05", "number")
     MeanOfRepetitions(value=0.42, std=0.05, n=1)
     """
+    if len(text) > LONGEST_TEXT:
+        raise BadInput(f"{text[:20]!r}... has {len(text)} characters; {_written(dimension)}")
     repetitions = _REPETITIONS.search(text)
     numbers = text[: repetitions.start()] if repetitions else text
     bracketed = re.fullmatch(r"\(([^()]*)\)(.*)", numbers.strip())

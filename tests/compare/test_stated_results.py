@@ -194,28 +194,28 @@ def test_a_sweep_has_the_stated_value_beside_the_twins(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_stated_values_are_targets_and_priors_of_a_calibration(tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize(("parameter", "other"), [("wall_static_friction", "PMMA"), ("static_friction", "D6")])
+def test_stated_values_are_targets_and_priors_of_a_calibration(parameter, other, tmp_path, capsys, monkeypatch):
     def bed(*, contacts, **_):
-        friction = next(one["static_friction"] for one in contacts if "PMMA" in one["pair"])
+        friction = next(one["static_friction"] for one in contacts if one["pair"] == ["D6", other])
         height = Quantity("bed_height", 0.02 + 0.01 * friction, 1e-5, "m", "surface bead tops")
         return {"quantities": [asdict(height)], "warnings": [], "wall_s": 0.0}
 
     monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", bed)
-    both = (
-        BED + stated('bed_height = "23.4 +- 0.4 mm (n = 4)"') + TILT + stated('static_friction = "0.3 +- 0.06 (n = 9)"')
-    )
+    plate = TILT.replace("PMMA", other) + stated('static_friction = "0.3 +- 0.06 (n = 9)"')
+    both = BED + stated('bed_height = "23.4 +- 0.4 mm (n = 4)"') + plate
     lab = write(tmp_path / "lab", both)
-    arguments = ["--fit", "wall_static_friction", "--budget", "15", "--json", "--out", str(tmp_path / "out")]
+    arguments = ["--fit", parameter, "--budget", "15", "--json", "--out", str(tmp_path / "out")]
     with threadpool_limits(1):  # for matrices this small several threads mostly wait for each other
         assert run(["calibrate", str(lab), *arguments]) == 0
     found = json.loads(capsys.readouterr().out)
     (prediction,) = found["predictions"]
     assert (prediction["measured"], prediction["std_uncertainty"]) == (0.0234, pytest.approx(0.2e-3))
-    prior = found["priors"]["wall_static_friction"]
+    prior = found["priors"][parameter]
     assert (prior["mean"], prior["std"]) == (0.3, pytest.approx(0.02))
     assert "plate" in prior["source"]
     # the plate says 0.30 and the bed 0.34, each with a standard uncertainty of 0.02
-    friction = found["intervals"]["wall_static_friction"]
+    friction = found["intervals"][parameter]
     assert friction["median"] == pytest.approx(0.32, abs=0.002)
     assert friction["std"] == pytest.approx(0.02 / 2**0.5, rel=0.1)
 

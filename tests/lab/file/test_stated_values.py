@@ -76,6 +76,7 @@ def test_angles_are_in_degrees_and_details_are_the_main_ones_unless_stated():
         ("bed_height", "184 +- 0 mm", "no uncertainty above zero"),
         ("bed_height", "184 ± 1,3 mm", "is not a length"),
         ("bed_height", "nan ± 1 mm", "is not a finite number"),
+        ("bed_height", " " * 100_000 + "1 +- 1 mm", "has 100009 characters"),
         ("bed_height", "184 +- 1 m", "out of range; it must be above 0 and at most 10 m"),
         ("bed_height", [], "is empty"),
         ("bed_height", [["184 +- 1 mm"]], "has no uncertainty"),
