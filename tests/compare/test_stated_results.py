@@ -122,6 +122,8 @@ def test_every_quantity_of_every_rig_can_be_stated_and_has_its_twin(tmp_path):
         assert (row.measured, row.measured_std, row.measured_n) == (0.5, pytest.approx(0.1), 4)
         assert row.measured_std_uncertainty == pytest.approx(0.05)
         assert row.note.startswith("the measured value is stated in lab.toml")
+        if row.experiment == "sphere" and row.simulated is not None:
+            assert row.coverage_factor == pytest.approx(3.182, rel=0.01), "Student's t with three degrees of freedom"
 
 
 @pytest.mark.usefixtures("in_this_process")
