@@ -166,7 +166,8 @@ def calibrate_lab(
     records = {name: found.measurements for name, found in measured.items()}
     search = Search(lab, fitted, parameters, targets, records, budget, seed, options or {})
     # the matrices are small: more threads would only wait for each other, and the twins need the cores
-    with threadpool_limits(1), Store(out / "runs") as store, Campaign(store, runner(cluster, workers, out / "runs")) as campaign:
+    pool = runner(cluster, workers, out / "runs")
+    with threadpool_limits(1), Store(out / "runs") as store, Campaign(store, pool) as campaign:
         found = search.run(campaign, progress)
         held = [one for one in bulk if one.id in hold_out]
         predictions = tuple(search.predictions(found, held, campaign, progress))

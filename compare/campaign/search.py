@@ -257,8 +257,13 @@ def _value(target: Target, result: Result | None, curves: CurveTargets | None) -
         return math.nan
     if curves is not None and target.quantity in curves.components:
         return curves.values(result).get((target.quantity, target.method), math.nan)
-    for one in quantities_of(dict(result)):
-        same = (one.quantity, one.method, one.unit) == (target.quantity, target.method, target.unit)
-        if same and one.detail.get("side") in (None, "mean") and not one.doubtful:
-            return one.value
-    return math.nan
+    # the first value of each method; the twin may know by one of its own what a film only shows
+    values = {
+        one.method: one.value
+        for one in reversed(quantities_of(dict(result)))
+        if (one.quantity, one.unit) == (target.quantity, target.unit)
+        and one.detail.get("side") in (None, "mean")
+        and not one.doubtful
+    }
+    only = next(iter(values.values())) if len(values) == 1 else math.nan
+    return values.get(target.method, only)
