@@ -31,12 +31,20 @@ FIRST_BOUNCE, FIRST_COLLISION, BOTH_SIDES = {"bounce": 1}, {"collision": 1}, {"s
 SIDES, BODIES = ("left", "right", "mean"), ("A", "B")
 """Words that a side and a body may have."""
 
+ABOVE_RIM = ", above the rim"
+"""Ending of a method that reads a heap above the rim of its bowl."""
+
 _SWING = ("velocity", "angle")
 _TOPS, _SURFACE = "surface bead tops", "mean surface"
 
 
 def _angle(*methods: str, which: Mapping[str, int | str] | None = None) -> RigQuantity:
     return RigQuantity("angle", methods, which or {}, highest=90)
+
+
+def _twice(*methods: str) -> tuple[str, ...]:
+    """Methods read from the base plate, and from the rim of the bowl."""
+    return (*methods, *(f"{method}{ABOVE_RIM}" for method in methods))
 
 
 def _friction(method: str) -> RigQuantity:
@@ -77,8 +85,8 @@ _OF_RIG: dict[str, dict[str, RigQuantity]] = {
         "bulk_density": RigQuantity("density", (_TOPS, _SURFACE)),
     },
     "pile": {
-        "angle_of_repose_graphical": _angle("line 15-85 %", "line 20-80 %", which=BOTH_SIDES),
-        "angle_of_repose_geometric": _angle("apex", "equal area", which=BOTH_SIDES),
+        "angle_of_repose_graphical": _angle(*_twice("line 15-85 %", "line 20-80 %"), which=BOTH_SIDES),
+        "angle_of_repose_geometric": _angle(*_twice("apex", "equal area"), which=BOTH_SIDES),
         "pile_height": _length("95 % of the top grain band"),
         "pile_base_width": _length("outermost outline points"),
         "pile_tip_radius": _length("parabola through the tip"),
