@@ -34,6 +34,11 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
         )
     for sentence in found.ambiguous:
         typer.echo(sentence)
+    for row in found.next_experiments:
+        typer.echo(
+            f"further experiment: {row['experiment']}: its {row['quantity']} ({row['method']}) would be "
+            f"{row['one']:.4g} or {row['other']:.4g} {row['unit']}, {row['apart']:.1f} standard deviations apart"
+        )
     for row in found.predictions:
         if "component" in row["method"]:  # a number without a meaning of its own
             continue

@@ -8,24 +8,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
 from rigtwin.compare.campaign.calibration import Calibration, calibration_of
+from rigtwin.compare.campaign.calibration_figures import figures
 from rigtwin.compare.campaign.campaign import Campaign
+from rigtwin.compare.campaign.next_experiment import next_experiments, runs_needed
 from rigtwin.compare.campaign.posterior import Parameter, Target
 from rigtwin.compare.campaign.runners import runner
-from rigtwin.compare.campaign.search import Search, applies
+from rigtwin.compare.campaign.search import Search, State, applies
 from rigtwin.compare.campaign.store import Store
 from rigtwin.compare.campaign.vary import names, parse
 from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import Measured, measuring
+from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import model_text
 from rigtwin.lab.file.schema import suggestion
+from rigtwin.lab.formatting import title
 from rigtwin.lab.materials import pair
 from rigtwin.lab.progress import Progress, silent
 
@@ -68,7 +73,8 @@ def calibrate(
     lab_folder : Path
         Folder with a lab.toml.
     out : Path
-        Folder for calibration.json, posterior.csv and model.toml; finished runs are kept in ``out/runs``.
+        Folder for calibration.json, calibration.html, its figures, posterior.csv and model.toml; finished runs are kept
+        in ``out/runs``.
     progress : Progress
         Called with step, finished and total runs.
     fit : sequence of str, optional
@@ -171,18 +177,39 @@ def calibrate_lab(
         found = search.run(campaign, progress)
         held = [one for one in bulk if one.id in hold_out]
         predictions = tuple(search.predictions(found, held, campaign, progress))
-    calibration = calibration_of(search, found, predictions)
+        calibration = calibration_of(search, found, predictions)
+        if calibration.ambiguous:
+            calibration = _with_next_experiments(calibration, search, found, campaign, progress)
+    drawn = figures(calibration)
+    page = filled("calibration.html", found=calibration, figures=drawn, title=title)
     contents = {
         "posterior.csv": result_files.table(
             [dict(zip((one.name for one in parameters), row, strict=True)) for row in calibration.samples.tolist()],
             [one.name for one in parameters],
         ),
         "model.toml": model_text(calibration.model),
+        "calibration.html": page,
+        **drawn,
     }
     calibration.files.update({name: out / name for name in (*contents, "calibration.json")})
     document = result_files.document(calibration.to_json())
     result_files.write_together(out, {**contents, "calibration.json": document})
     return calibration
+
+
+def _with_next_experiments(
+    calibration: Calibration, search: Search, found: State, campaign: Campaign, progress: Progress
+) -> Calibration:
+    """The calibration with experiments that would separate the sets that fit, or a remark on what they need."""
+    needed = runs_needed(search)
+    if not needed:
+        return calibration
+    if found.runs + needed > search.budget:
+        budget = found.runs + needed
+        remark = f"--budget {budget} would also simulate which further experiment separates the sets that fit"
+        return replace(calibration, remarks=(*calibration.remarks, remark))
+    following = next_experiments(search, found, campaign, progress)
+    return replace(calibration, next_experiments=tuple(following), runs=found.runs)
 
 
 def _to_fit(lab: Lab, hold_out: Sequence[str]) -> tuple[list[Experiment], list[Experiment]]:

@@ -40,6 +40,7 @@ class Calibration:
     stopped: str
     misfit: tuple[float, float]  # chi-square of the best set, and its probability
     remarks: tuple[str, ...] = ()
+    next_experiments: tuple[dict[str, Any], ...] = ()  # that would separate sets that fit, the best first
     files: dict[str, Path] = field(default_factory=dict)
 
     @property
@@ -107,6 +108,7 @@ class Calibration:
             },
             "correlations": self.correlations,
             "ambiguous": self.ambiguous,
+            "next_experiments": list(self.next_experiments),
             "sensitivities": [
                 {
                     "experiment": target.experiment, "quantity": target.quantity, "method": target.method,
