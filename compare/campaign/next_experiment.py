@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.campaign.search import Search, State, applies, results_of
+from rigtwin.compare.campaign.search import Search, State, results_of
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import Setting, at
+from rigtwin.compare.campaign.vary import Setting, applies, at
 from rigtwin.compare.deviation import is_result, key_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.file.lab_file import Experiment

@@ -161,3 +161,31 @@ def test_a_parameter_that_nothing_measured_depends_on_is_named(tmp_path, capsys,
     assert run([*asked, "--budget", "15", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert "wall_restitution is not determined: no measured quantity depends on it visibly" in found["ambiguous"]
+
+
+BED = """
+[[experiments]]
+id = "bed"
+rig = "packing"
+particle = "D6"
+wall = "steel"
+cylinder_diameter = "50 mm"
+count = 400
+[experiments.measured]
+bed_height = "60 +- 1 mm (n = 5)"
+"""
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_contacts_of_a_kind_are_named_with_their_pair(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
+    (tmp_path / "lab.toml").write_text(ONE_RIG + BED, encoding="utf-8")
+    assert run(["calibrate", str(tmp_path), "--fit", "wall_static_friction"]) == 2
+    assert "static_friction@D6-PMMA, static_friction@D6-steel" in capsys.readouterr().err
+    wanted = ("static_friction", "rolling_friction", "static_friction@D6-steel=0.1..0.9")
+    asked = [word for name in wanted for word in ("--fit", name)]
+    assert run(["calibrate", str(tmp_path), *asked, "--budget", "30", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["best"]["static_friction"] == pytest.approx(0.5, abs=0.05)
+    model = read_model(tmp_path / "calibration" / "model.toml")
+    assert model.known_contact("steel", "D6").static_friction == found["best"]["static_friction@D6-steel"]
