@@ -54,6 +54,7 @@ SCRIPTS = (
     Script("reproduction-page", 2, "reproduce/docs_page.py"),
     Script("faults", 15, "faults.py"),
     Script("fuzz", 6, "fuzz.py"),
+    Script("campaign", 16, "campaign/kills.py"),
     Script("poured-bed", 8, "engine/poured_bed.py"),
     Script("conical", 3, "engine/conical.py"),
     Script("devices", 2, "engine/devices.py"),
