@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from rigtwin.cli import run as run_command
 from rigtwin.compare.campaign.campaign import Campaign, run_all
 from rigtwin.compare.campaign.run import Run
 from rigtwin.compare.campaign.store import Store
@@ -138,6 +139,25 @@ def claim_elsewhere(folder, value):
     assert holder.stdout.readline() == b"ours\n"
     holder.stdout.close()
     return holder
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_run_that_another_process_finishes_and_then_drops_is_computed_again(tmp_path):
+    class Fleeting(Store):
+        dropped = 0
+
+        def claim(self, run):
+            if not self.dropped:
+                self.keep(run, {"number": 0}, 0.1)
+            said = super().claim(run)
+            if said == "done":
+                assert run_command(["runs", str(tmp_path), "drop", run.name, "--quiet"]) == 0
+                self.dropped += 1
+            return said
+
+    with Fleeting(tmp_path) as store, Campaign(store) as campaign:
+        assert campaign.results([number(7)]).results == {"number-7": {"number": 7}}
+        assert (store.dropped, campaign.computed) == (1, 1)
 
 
 def test_two_processes_on_one_store_run_nothing_twice(tmp_path):
