@@ -2,8 +2,8 @@
 
     SEED=1 COUNT=20 python benchmarks/campaign/kills.py
 
-COUNT is the number of kills.  `rigtwin sweep` over a grid of 40 small packings is killed at random moments, in turn with
-its workers (SIGKILL to the process group) and alone, and continued each time.  Its table must equal that of an
+COUNT is the number of kills.  `rigtwin sweep` over a grid of 40 small packings is killed at random moments, in turn
+with its workers (SIGKILL to the process group) and alone, and continued each time.  Its table must equal that of an
 undisturbed run byte for byte.  Triggers in the ledger count the runs that were claimed and kept: no run may be kept
 twice, and a kill may lose the runs in flight only.
 """
@@ -200,7 +200,8 @@ def main() -> int:
         if not said:
             table = (whole / "sweep.csv").read_bytes()
             rows += [*killed(place, table, seconds, first or seconds), *shared(place, table)]
-    rows.append(Row("undisturbed run", seconds, "s", note=f"{RUNS} runs, {WORKERS} at a time; first after {first:.1f} s"))
+    note = f"{RUNS} runs, {WORKERS} at a time; first after {first:.1f} s"
+    rows.append(Row("undisturbed run", seconds, "s", note=note))
     return report("campaign", rows, seed=SEED, count=COUNT)
 
 

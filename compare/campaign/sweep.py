@@ -242,7 +242,7 @@ def sweep(
     columns = (*(one.name for one in varied), *SIMULATED)
     written = {"sweep.csv": result_files.table(rows, columns), **drawn}
     found.files.update({name: out / name for name in (*written, "sweep.json")})
-    result_files.write_together(out, {**written, "sweep.json": result_files.document(found.to_json())})
+    result_files.write_in_turn(out, {**written, "sweep.json": result_files.document(found.to_json())})
     return found
 
 

@@ -127,6 +127,24 @@ def test_a_run_that_another_process_has_claimed_is_awaited_and_taken_over_when_t
     assert not list((tmp_path / "owners").iterdir())
 
 
+def test_what_killed_processes_leave_is_removed_by_the_next_process_that_is_alone(tmp_path):
+    with Store(tmp_path) as store:
+        store.keep(number(1), {"heights": np.arange(3)}, 0.1)
+    (kept_file,) = (tmp_path / "arrays").iterdir()
+    left = tmp_path / "arrays" / "0123456789.npz.0a1b2c3d.part"
+    killed = claim_elsewhere(tmp_path, 7)
+    left.write_bytes(b"half of a file")
+    with Store(tmp_path) as store:
+        assert store.claim(number(8)) == "ours"
+        assert left.exists()  # it may be of the process that lives
+    killed.kill()
+    killed.wait()
+    with Store(tmp_path) as store:
+        assert store.claim(number(8)) == "ours"
+        assert list((tmp_path / "arrays").iterdir()) == [kept_file]
+        assert len(list((tmp_path / "owners").iterdir())) == 1
+
+
 def claim_elsewhere(folder, value):
     """Another process that claims ``number(value)`` and holds the claim."""
     script = (

@@ -10,6 +10,7 @@ from rigtwin.cli import run
 from rigtwin.compare.campaign.sweep import stated_setting
 from rigtwin.compare.campaign.twin_runs import quantities_of, simulate, twin_run
 from rigtwin.compare.campaign.vary import at, parse, points
+from rigtwin.compare.result_files import claimed
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -115,6 +116,21 @@ def test_a_sweep_of_a_rig_writes_a_table_and_a_heat_map_and_runs_nothing_twice(t
     monkeypatch.setattr("rigtwin.compare.campaign.runners.spawned", lambda *_: pytest.fail("something was run"))
     assert run(["sweep", "packing", *BED, *vary, "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out)["runs"] == 4
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_sweep_waits_for_another_that_writes_and_removes_what_a_killed_one_left(tmp_path, capsys, monkeypatch):
+    words = ["sweep", "drop", "--set", "drop_height=0.2m", "--vary", "wall_restitution=0.4,0.8", "--out", str(tmp_path)]
+    left = tmp_path / "sweep.csv.0a1b2c3d.part"
+    with claimed(tmp_path):
+        left.write_text("static_fric")
+        monkeypatch.setattr("rigtwin.compare.result_files.PATIENCE", 0.1)
+        assert run(words) == 2
+        assert "another run of rigtwin is writing into it" in capsys.readouterr().err
+        assert left.exists()
+    assert run(words) == 0
+    assert not left.exists()
+    assert (tmp_path / "sweep.csv").is_file()
 
 
 @pytest.mark.usefixtures("in_this_process")
