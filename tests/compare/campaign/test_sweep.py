@@ -3,13 +3,16 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from rigtwin.cli import run
+from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.sweep import stated_setting
-from rigtwin.compare.campaign.twin_runs import quantities_of, simulate, twin_run
+from rigtwin.compare.campaign.twin_runs import quantities_of, twin_from, twin_run
 from rigtwin.compare.campaign.vary import at, parse, points
+from rigtwin.compare.deviation import over_views
 from rigtwin.compare.result_files import claimed
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.lab.errors import BadInput
@@ -23,16 +26,27 @@ def bed():
     return stated_setting("packing", ["cylinder_diameter=40mm", "count=120"], particle="D6", wall="PMMA")
 
 
-def test_a_twin_as_a_run_gives_what_the_twin_itself_gives(bed):
-    experiment, model = bed
-    one = twin_run("one", experiment, model, seed=3)
-    result = simulate(**json.loads(json.dumps(one.settings)))
-    twin = twin_of(experiment, model=model, seed=3, threads=1)
-    known = {(q.quantity, q.method): q.value for q in twin.evaluation.quantities if "view" not in q.detail}
-    found = {(q.quantity, q.method): q.value for q in quantities_of(result)}
-    assert known
-    assert {key: found[key] for key in known} == known
-    assert len(result["profile_1_x"]) == len(result["profile_1_height"]) > 10
+@pytest.mark.parametrize(
+    ("rig", "stated"),
+    [
+        ("packing", ["cylinder_diameter=40mm", "count=120"]),
+        ("drum", ["drum_diameter=50mm", "depth=20mm", "fill=0.4", "speed=60rpm"]),
+    ],
+)
+@pytest.mark.usefixtures("in_this_process")
+def test_a_twin_as_a_run_gives_what_the_twin_itself_gives(rig, stated, tmp_path):
+    experiment, model = stated_setting(rig, stated, particle="D6", wall="PMMA")
+    run_all([twin_run("one", experiment, model, seed=3)], tmp_path)
+    kept = run_all([twin_run("one", experiment, model, seed=3)], tmp_path, only_kept=True).results["one"]
+    twin, same = twin_of(experiment, model=model, seed=3, threads=1), twin_from(kept)
+    assert same.evaluation.quantities == twin.evaluation.quantities
+    assert [one.to_json() for one in same.evaluation.checks] == [one.to_json() for one in twin.evaluation.checks]
+    assert quantities_of(kept) == over_views(twin.evaluation.quantities)
+    for mine, theirs in zip((*same.profiles, *same.series), (*twin.profiles, *twin.series), strict=True):
+        for name, value in vars(theirs).items():
+            np.testing.assert_array_equal(getattr(mine, name), value)
+    assert same.assumptions == twin.assumptions
+    assert len(same.profiles[0].x) > 10
 
 
 def test_each_setting_that_decides_a_twin_makes_another_run(bed):
