@@ -10,6 +10,7 @@ import pytest
 from rigtwin.cli import run
 from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.sweep import stated_setting
+from rigtwin.compare.campaign.sweep_figures import figures
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_from, twin_run
 from rigtwin.compare.campaign.vary import at, parse, points
 from rigtwin.compare.deviation import over_views
@@ -110,8 +111,70 @@ def test_a_grid_has_all_combinations_and_a_space_filling_design_fills_the_ranges
         assert sorted((found["density"] - 500) // 25) == list(range(16)), design
     with pytest.raises(BadInput, match="needs a range"):
         points(varied, "sobol", 4, 1)
+    with pytest.raises(BadInput, match="20000 points; give at most 10000"):
+        points(ranges, "sobol", 20000, 1)
     with pytest.raises(BadInput, match="needs their number"):
         points(ranges, "latin", None, 1)
+
+
+@pytest.mark.parametrize(
+    ("rig", "stated", "text", "label", "ticks"),
+    [
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "cylinder_diameter=30mm,45mm", "cylinder diameter / mm", 45),
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "density=500,900", "density / kg/m³", 900),
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "count=30,40", "count", 40),
+        ("drum", ["drum_diameter=140mm", "speed=3rpm"], "speed=3rpm,6rpm", "speed / rad/s", 0.6283),
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "wall_static_friction=0.1,0.2", "wall static friction", 0.2),
+        (
+            "packing",
+            ["cylinder_diameter=40mm", "count=9"],
+            "cohesion_sjkr.energy_density=1e3,2e3",
+            "cohesion sjkr.energy density / J/m^3",
+            2000,
+        ),
+    ],
+)
+def test_axes_of_figures_have_units(rig, stated, text, label, ticks):
+    experiment = stated_setting(rig, stated, particle="D6", wall="PMMA").experiment
+    first, second = parse(text, experiment), parse("static_friction=0.2,0.4", experiment)
+    places = points([first, second], "grid", None, 1)
+    rows = [{**place, **drawn_row("bed_height", unit="m", simulated=0.02 + k / 1e3)} for k, place in enumerate(places)]
+    (heat_map,) = figures([first, second], rows, grid=True).values()
+    (panels,) = figures([first, second], rows, grid=False).values()
+    for drawing in (heat_map, panels):
+        assert f">{label}<" in drawing
+        assert ">Bed height, tops / mm<" in drawing
+        assert ">static friction<" in drawing
+    assert f">{ticks}<" in heat_map
+
+
+def drawn_row(quantity, method="tops", unit="1", simulated=0.5, **more):
+    return {"quantity": quantity, "method": method, "unit": unit, "simulated": simulated, "simulated_std": None, **more}
+
+
+def test_each_figure_has_a_name_of_its_own(bed):
+    varied = [parse("static_friction=0.2,0.4", bed.experiment)]
+    rows = [
+        {"static_friction": 0.2, **row}
+        for row in (
+            drawn_row("bed_height", "line, 10-90 %"),
+            drawn_row("restitution_wall", "height", bounce=1),
+            drawn_row("restitution_wall", "height", bounce=2),
+            drawn_row("mass_flow", unit="kg/s"),
+            drawn_row("mass_flow", unit="1/s"),
+            drawn_row("share", "5%"),
+            drawn_row("share", "5"),
+        )
+    ]
+    assert list(figures(varied, rows, grid=True)) == [
+        "sweep-bed-height-line-10-90.svg",
+        "sweep-restitution-wall-height-bounce-1.svg",
+        "sweep-restitution-wall-height-bounce-2.svg",
+        "sweep-mass-flow-tops-kg-s.svg",
+        "sweep-mass-flow-tops-1-s.svg",
+        "sweep-share-5-1.svg",
+        "sweep-share-5-1-2.svg",
+    ]
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -179,6 +242,10 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(tmp_path, capsys):
         (["sweep", "nolab", "--vary", "count=5,6"], "no such file"),
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--cluster", "abc"], "neither the address"),
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--vary", "count=7,8"], "given twice"),
+        (
+            ["sweep", "packing", *BED, "--vary", "static_friction=0.1..0.5:101", "--repetitions", "100"],
+            "101 points with 100 repetitions are 10100 runs; give fewer of one of them, at most 10000 runs.",
+        ),
     ):
         assert run([*arguments, *out]) == 2, why
         assert why in capsys.readouterr().err
