@@ -55,6 +55,7 @@ SCRIPTS = (
     Script("faults", 15, "faults.py"),
     Script("fuzz", 6, "fuzz.py"),
     Script("campaign", 16, "campaign/kills.py"),
+    Script("sweep-speed", 1, "campaign/sweep_speed.py"),
     Script("poured-bed", 8, "engine/poured_bed.py"),
     Script("conical", 3, "engine/conical.py"),
     Script("devices", 2, "engine/devices.py"),

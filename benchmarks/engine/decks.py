@@ -78,25 +78,31 @@ def deck_of(code: Code, case: Case, seed: int) -> Deck:
     return Deck(code, case.rig, bead, wall, *contacts, count=case.count, seed=seed, options=case.options)
 
 
+def run_deck(deck: Deck, folder: Path, ranks: int = 1) -> float:
+    """Let the deck's code run in the folder of its files; returns the time that this takes [s]."""
+    command = deck.command.split()
+    if ranks > 1:
+        command = ["mpirun", "-np", str(ranks), "--oversubscribe", *command]
+    # mpirun refuses a container's only user without these
+    environment = os.environ | {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    began = time.perf_counter()
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=LONGEST
+    )
+    took = time.perf_counter() - began
+    if done.returncode:
+        last = " ".join((done.stdout + done.stderr).strip().splitlines()[-2:])
+        raise RuntimeError(f"{TITLES[deck.code]} stopped with code {done.returncode}: {last}")
+    return took
+
+
 def computed(deck: Deck, ranks: int) -> tuple[Twin, float]:
     """The twin that the deck's code computes, and the time that this takes [s]."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file, text in deck.files().items():
             (folder / file).write_text(text)
-        command = deck.command.split()
-        if ranks > 1:
-            command = ["mpirun", "-np", str(ranks), "--oversubscribe", *command]
-        # mpirun refuses a container's only user without these
-        environment = os.environ | {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-        began = time.perf_counter()
-        done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=LONGEST
-        )
-        took = time.perf_counter() - began
-        if done.returncode:
-            last = " ".join((done.stdout + done.stderr).strip().splitlines()[-2:])
-            raise RuntimeError(f"{TITLES[deck.code]} stopped with code {done.returncode}: {last}")
+        took = run_deck(deck, folder, ranks)
         return imported_twin(folder), took
 
 
