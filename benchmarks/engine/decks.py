@@ -52,21 +52,23 @@ class Case:
 
 CASES = {
     "packing": Case(
-        Packing(0.05, 0.2), "PMMA", small(600, 200), packing_twin,
+        small(Packing(0.05, 0.2), Packing(0.03, 0.1)), "PMMA", small(600, 60), packing_twin,
         (("bed_height", "mean surface", 0.03), ("bulk_density", "mean surface", 0.03)), {},
     ),
     "pile": Case(
-        Pile(0.09, 0.01, outlet_height=0.07), "steel", small(900, 300), pile_twin,
+        small(Pile(0.09, 0.01, outlet_height=0.07), Pile(0.05, 0.006, outlet_height=0.05)), "steel", small(900, 120),
+        pile_twin,
         (("angle_of_repose_geometric", "apex", 0.1), ("pile_height", "", 0.1)), {},
     ),
     "hopper": Case(
-        Hopper(0.035, diameter=0.08, cone_height=0.06), "PMMA", small(800, 200), hopper_twin,
+        small(Hopper(0.035, diameter=0.08, cone_height=0.06), Hopper(0.03, diameter=0.06, cone_height=0.05)), "PMMA",
+        small(800, 100), hopper_twin,
         (("discharge_time", "", 0.08), ("mass_flow_rate", "", 0.1)), {},
     ),
     "drum": Case(
-        Drum(0.12, math.pi / 3, 0.04), "PMMA", small(None, 200), drum_twin,
+        small(Drum(0.12, math.pi / 3, 0.04), Drum(0.08, math.pi / 3, 0.03)), "PMMA", small(None, 120), drum_twin,
         (("angle_of_repose_graphical", "line, 10-90 %", 0.1), ("angle_of_repose_geometric", "chord", 0.1)),
-        {"turns": small(0.5, 0.1)},
+        {"turns": small(0.5, 0.05)},
     ),
 }  # fmt: skip
 
