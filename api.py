@@ -19,7 +19,7 @@ from rigtwin.lab.rigs import RIGS, RigName
 
 if TYPE_CHECKING:
     from rigtwin.commands.run_command import Work
-    from rigtwin.compare.campaign.calibrate import Calibration
+    from rigtwin.compare.campaign.calibration import Calibration
     from rigtwin.compare.comparison import Comparison
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.twins.twin import Twin

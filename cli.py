@@ -12,7 +12,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -121,8 +121,13 @@ app.add_typer(decks.app, name="export")
 app.command("import", epilog="Example: rigtwin import out/liggghts-pile")(decks.import_deck)
 
 
+def _show_reproduction(found: Any, as_json: bool, quiet: bool) -> None:
+    show = calibrating.show_paper if hasattr(found, "found") else show_reproduction
+    show(found, as_json, quiet)
+
+
 @app.command(epilog="Example: rigtwin reproduce hlosta2020 --table 14 --repetitions 3")
-@finished(show_reproduction)
+@finished(_show_reproduction)
 def reproduce(
     reference: Annotated[Literal["hlosta2020"], typer.Argument(help="The published tables: hlosta2020.")],
     *,
@@ -136,6 +141,19 @@ def reproduce(
         bool, typer.Option("--quick", help="A representative part, in minutes; of a study one heap a point.")
     ] = False,
     kept: Annotated[bool, typer.Option("--kept", help="Run nothing; show what earlier runs gave.")] = False,
+    calibrated: Annotated[
+        bool,
+        typer.Option(
+            "--calibrated", help="Calibrate on the paper's measurements first; its parameters are not used then."
+        ),
+    ] = False,
+    particle: Annotated[
+        list[str] | None,
+        typer.Option("--particle", metavar="NAME", help="Calibrate only this particle; may be given again."),
+    ] = None,
+    budget: Annotated[
+        int | None, typer.Option("--budget", min=1, help="Largest number of twins for a calibration; 60 by default.")
+    ] = None,
     rolling_model: simulate.RollingModel = "A",
     repetitions: Annotated[
         int | None,
@@ -152,8 +170,28 @@ def reproduce(
 
     The twins run with the published parameters. A run is kept when it ends; called again, only missing ones are run.
     """
+    from rigtwin.compare.reproduce.calibrated import reproduce_calibrated
     from rigtwin.compare.reproduce.reproduce import reproduce as fill
+    from rigtwin.lab.errors import BadInput
 
+    if calibrated:
+        of_tables = {"--table": table, "--study": study, "--quick": quick, "--kept": kept, "--repetitions": repetitions}
+        for option, value in of_tables.items():
+            if value:
+                raise BadInput(f"{option}: does not go with --calibrated; leave one of them out.")
+        return partial(
+            reproduce_calibrated,
+            out or Path("out/reproduce") / reference,
+            particles=particle,
+            budget=budget or 60,
+            rolling=simulate.rolling_law(rolling_model),
+            seed=seed,
+            workers=workers,
+            cluster=cluster,
+        )
+    for option, given in {"--particle": particle, "--budget": budget}.items():
+        if given:
+            raise BadInput(f"{option}: belongs to --calibrated; add that, or leave it out.")
     return partial(
         fill,
         out or Path("out/reproduce") / reference,

@@ -16,7 +16,8 @@ from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
 if TYPE_CHECKING:
-    from rigtwin.compare.campaign.calibrate import Calibration
+    from rigtwin.compare.campaign.calibration import Calibration
+    from rigtwin.compare.reproduce.calibrated import Calibrated
 
 
 def show(found: Calibration, as_json: bool, quiet: bool) -> None:
@@ -34,6 +35,8 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
     for sentence in found.ambiguous:
         typer.echo(sentence)
     for row in found.predictions:
+        if "component" in row["method"]:  # a number without a meaning of its own
+            continue
         kind = "held out" if row["held_out"] else "fitted"
         percent = "" if row["percent_deviation"] is None else f" ({row['percent_deviation']:+.1f} %)"
         value = "none" if row["predicted"] is None else f"{row['predicted']:.4g}{percent}"
@@ -42,12 +45,12 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
             f"predicted {value} {row['unit']}"
         )
     if not found.fits:
-        worst = max(
-            (row for row in found.predictions if row["percent_deviation"] is not None and not row["held_out"]),
-            key=lambda row: abs(row["percent_deviation"]),
-            default=None,
+        worst = found.worst
+        most = (
+            ""
+            if worst is None
+            else f"; {worst['quantity']} of {worst['experiment']} is {abs(worst['z']):.1f} standard deviations off"
         )
-        most = "" if worst is None else f"; {worst['quantity']} of {worst['experiment']} deviates most"
         typer.echo(
             f"no set fits (chi-square {found.misfit[0]:.1f}, probability {found.misfit[1]:.2g}){most}. "
             "Something is missing from the model, or a measurement is wrong."
@@ -55,6 +58,38 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
     for remark in found.remarks:
         typer.echo(f"warning: {remark}")
     typer.echo(f"{found.runs} runs; {found.stopped}; wrote {found.files['calibration.json'].parent}")
+
+
+def show_paper(found: Calibrated, as_json: bool, quiet: bool) -> None:
+    """Print the paper's cells beside the calibrated twins, or the JSON document."""
+    if as_json:
+        print_json(found.to_json())
+        return
+    if quiet:
+        return
+    for row in found.sets:
+        paper = "" if row["paper"] is None else f"; the paper's {row['paper']:.4g}"
+        typer.echo(
+            f"{row['particle']}, {row['parameter']}: best {row['best']:.4g}, 95 % interval {row['low']:.4g} to "
+            f"{row['high']:.4g}{paper}"
+        )
+    for row in found.cells:
+        kind = "held out" if row["held_out"] else "fitted"
+        ours = "none" if row["ours"] is None else f"{row['ours']:.4g} ({row['ours_percent_deviation']:+.1f} %)"
+        typer.echo(
+            f"{row['particle']}, {row['experiment']}, {row['quantity']} [{row['unit']}], {kind}: experiment "
+            f"{row['paper_experiment']:.4g}, paper's DEM {row['paper_dem']:.4g} "
+            f"({row['paper_dem_percent_deviation']:+.1f} %), ours {ours}"
+        )
+    for name, one in found.found.items():
+        for sentence in (*one.ambiguous, *(() if one.fits else ("no set fits",)), *one.remarks):
+            typer.echo(f"{name}: {sentence}")
+    scores = found.scores
+    typer.echo(
+        f"{scores['fitted_near']} of {scores['fitted']} fitted cells within one standard deviation of the experiment, "
+        f"or no further from it than the paper's DEM; {scores['discharge_times_within_10_percent']} of "
+        f"{scores['discharge_times']} discharge times within 10 %; wrote {found.files['calibrated.csv']}"
+    )
 
 
 @finished(show)

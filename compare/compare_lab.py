@@ -273,6 +273,8 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
         for item in outcome.measurements:
             source = _relative(item.source, comparison.lab.folder)
             rows += [result_files.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
+        stated = outcome.experiment.measured
+        rows += [result_files.observation(name, rig, "stated", comparison.lab.path.name, item) for item in stated]
         for number, twin in enumerate(outcome.twins):
             by = twin.settings.get("engine", {}).get("computed_by")
             seed = twin.settings.get("seed") if by else comparison.seed + number
@@ -412,7 +414,7 @@ def _need_contacts(lab: Lab, experiment: Experiment) -> None:
 
 
 def _need_one(experiment: Experiment, measured: Measured) -> None:
-    if measured.measurements:
+    if measured.known:
         return
     first, *others = measured.failures
     which = f"none of its {len(others) + 1} repetitions" if others else "its only repetition"

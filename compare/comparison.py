@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.curve_overlays import Overlay
 from rigtwin.compare.deviation import MOMENTS, Deviation, group, key_of, over_views
-from rigtwin.compare.measure_repetitions import Failure
+from rigtwin.compare.measure_repetitions import Failure, replaces
 from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.formatting import reading, title
+from rigtwin.lab.formatting import reading, siblings, title
 from rigtwin.lab.quantity import Measurement
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ class Outcome:
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
+            *_replaced(self.experiment, self.measurements),
             *_against_stated(self.experiment, self.measurements),
             *(f"twin: {warning}" for twin in self.twins for warning in (*twin.warnings, *twin.evaluation.warnings)),
         )
@@ -99,6 +100,7 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
     return {
         "id": outcome.experiment.id,
         "rig": outcome.experiment.rig_name,
+        "stated": [quantity.to_json() for quantity in outcome.experiment.measured],
         "measurements": [item.to_json() for item in outcome.measurements],
         "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
         "twins": [twin.to_json() for twin in outcome.twins],
@@ -116,6 +118,16 @@ def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
             lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
     for (source, reason), names in lacking.items():
         yield f"{source} is doubtful and excluded from the mean of {', '.join(dict.fromkeys(names))}: {reason}"
+
+
+def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
+    """A warning for each stated quantity that replaces what the repetitions give."""
+    for stated in experiment.measured:
+        same = [any(replaces(stated, one, experiment) for one in item.quantities) for item in measurements]
+        if number := sum(same):
+            what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
+            those = f"those of {number} repetitions are" if number > 1 else "that of a repetition is"
+            yield f"{what} ({stated.method}) is stated in lab.toml; {those} not used"
 
 
 def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:

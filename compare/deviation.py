@@ -76,6 +76,8 @@ class Combined:
     """Number of doubtful repetitions that are excluded from the mean, because there are sound ones."""
     freedom: float = math.inf
     """Effective degrees of freedom of `std_uncertainty` (GUM eq. G.2b)."""
+    stated: bool = False
+    """Whether lab.toml states it."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,8 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
     Parameters
     ----------
     repetitions : sequence of Quantity
-        At least one value of the same quantity, all in one unit.  Doubtful ones are left out if sound ones remain.
+        At least one value of the same quantity, all in one unit.  Doubtful ones are left out if sound ones remain.  A
+        stated one is the mean of `Quantity.n` repetitions already and stands alone.
 
     Returns
     -------
@@ -163,6 +166,8 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
     >>> mean.value, mean.std, mean.n
     (100.0, 1.0, 3)
     """
+    if repetitions[0].stated:
+        return _stated(repetitions[0])
     sound = [repetition for repetition in repetitions if not repetition.doubtful]
     used = sound or list(repetitions)
     n = len(used)
@@ -188,6 +193,19 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
         doubtful="" if sound else "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions)),
         left_out=len(repetitions) - n,
         freedom=_freedom([(random, n - 1 if scatter > own else math.inf)], std_uncertainty),
+    )
+
+
+def _stated(mean: Quantity) -> Combined:
+    return Combined(
+        value=mean.value,
+        std=mean.std_uncertainty * math.sqrt(mean.n),
+        n=mean.n,
+        std_uncertainty=mean.std_uncertainty,
+        unit=mean.unit,
+        budget=mean.budget,
+        freedom=mean.n - 1 if mean.n > 1 else math.inf,
+        stated=True,
     )
 
 
@@ -515,7 +533,9 @@ def _lone(run_name: str, measured: Combined, simulated: Combined) -> list[str]:
 
 
 def _note(run_name: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
-    notes = [] if simulated is not None else ["the twin gives no such number"]
+    notes = ["the measured value is stated in lab.toml"] if measured.stated else []
+    if simulated is None:
+        notes.append("the twin gives no such number")
     if simulated is not None and not set_from and (lone := _lone(run_name, measured, simulated)):
         what = run_name or "repetition"
         notes.append(f"one {what} {' and one '.join(lone)}: the scatter of {what}s is not in the uncertainty")

@@ -1,4 +1,4 @@
-"""Measure the repetitions of the experiments of a lab in parallel processes."""
+"""Measure the repetitions of the experiments of a lab in parallel processes, and add what lab.toml states."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rigtwin.compare.deviation import over_views
+from rigtwin.compare.deviation import key_of, over_views
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import interrupts_held, spawned
 from rigtwin.lab.errors import RigtwinError
@@ -19,6 +19,7 @@ from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.tracked.table import is_table
 
 
@@ -32,15 +33,30 @@ class Failure:
 
 @dataclass(frozen=True)
 class Measured:
-    """Results of the repetitions of one experiment."""
+    """Results of the repetitions of one experiment, and those that lab.toml states."""
 
+    experiment: Experiment
     measurements: tuple[Measurement, ...]
     failures: tuple[Failure, ...]
 
     @property
+    def known(self) -> bool:
+        """Whether anything was measured or is stated."""
+        return bool(self.measurements or self.experiment.measured)
+
+    @property
     def quantities(self) -> list[Quantity]:
-        """Quantities of all repetitions, the views of each combined."""
-        return [quantity for item in self.measurements for quantity in over_views(item.quantities)]
+        """Stated quantities, then those of all repetitions that they do not replace, the views of each combined."""
+        stated = self.experiment.measured
+        found = (quantity for item in self.measurements for quantity in over_views(item.quantities))
+        return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
+
+
+def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
+    """Whether a stated quantity replaces one from media: the same quantity, by the same method or by the only one."""
+    (name, *same), (other, *others) = key_of(stated), key_of(found)
+    only = len(quantities_of(experiment.rig)[stated.quantity].methods) == 1
+    return name == other and (same[1:] == others[1:] if only else same == others)
 
 
 def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:
@@ -65,28 +81,30 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
             # the views of a pile are one long job: start it first, so that the others run beside it
             longest_first = sorted(range(len(jobs)), key=lambda k: -len(jobs[k][1]))
             started = {k: pool.submit(measure_repetition, *jobs[k]) for k in longest_first}
-        yield Pending([(jobs[k][0].id, started[k]) for k in range(len(jobs))])
+        yield Pending(experiments, [(jobs[k][0].id, started[k]) for k in range(len(jobs))])
 
 
 @dataclass(frozen=True)
 class Pending:
     """Measurements under way."""
 
+    experiments: Sequence[Experiment]
     jobs: list[tuple[str, Future[Measurement | Failure]]]
 
     def results(self, progress: Progress = silent) -> Mapping[str, Measured]:
         """Wait for all measurements; by experiment, with the repetitions in the order of the lab file."""
-        found: dict[str, list[Measurement | Failure]] = {}
+        found: dict[str, list[Measurement | Failure]] = {experiment.id: [] for experiment in self.experiments}
         for done, (name, job) in enumerate(self.jobs):
             progress("measuring repetitions", done, len(self.jobs))
-            found.setdefault(name, []).append(job.result())
+            found[name].append(job.result())
         progress("measuring repetitions", len(self.jobs), len(self.jobs))
         return {
-            name: Measured(
-                tuple(result for result in results if isinstance(result, Measurement)),
-                tuple(result for result in results if isinstance(result, Failure)),
+            experiment.id: Measured(
+                experiment,
+                tuple(result for result in found[experiment.id] if isinstance(result, Measurement)),
+                tuple(result for result in found[experiment.id] if isinstance(result, Failure)),
             )
-            for name, results in found.items()
+            for experiment in self.experiments
         }
 
 

@@ -21,6 +21,7 @@ def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> Non
     Raises `BadLabFile`, or `BadInput` for a `count` that the twin cannot have.
     """
     rate = _need_view(lab, experiment)
+    _need_start(lab, experiment)
     try:
         entry_of(experiment).check(experiment, model=lab.model, frame_rate=rate, count=count)
     except BadInput as error:
@@ -32,6 +33,15 @@ def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> Non
         raise fault(lab, experiment, (name,) if named else (), f"the twin cannot be run: {said}") from None
 
 
+def _need_start(lab: Lab, experiment: Experiment) -> None:
+    """Check that the start of a twin is stated if there is no repetition from which it could be measured."""
+    entry = entry_of(experiment)
+    if experiment.repetitions or entry.starts_from is None or entry.stated_start(experiment) is not None:
+        return
+    why = "this key is missing; the twin starts from it, and there are no repetitions from which it could be measured."
+    raise fault(lab, experiment, (entry.starts_from,), why)
+
+
 def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     """Check the camera settings against the media; returns the frame rate [1/s] if it is known.
 
@@ -41,7 +51,7 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     camera = experiment.camera
     stated = any((camera.region, camera.start, camera.end, camera.known_length))
     asked = camera.frame_rate is None and not entry_of(experiment).many_particles
-    if not stated and not asked:
+    if not experiment.repetitions or (not stated and not asked):
         return camera.frame_rate
     first: BadInput | None = None
     for views in experiment.repetitions:
@@ -49,7 +59,7 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
             return _opened(experiment, views)
         except BadInput as error:
             first = first or error
-    assert first is not None  # a lab file has no experiment without repetitions
+    assert first is not None  # there are repetitions
     option = OPTION.search(str(first))
     if option is None:
         raise fault(lab, experiment, ("repetitions",), str(first)) from None

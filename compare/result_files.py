@@ -74,7 +74,10 @@ def claimed(out: Path) -> AbstractContextManager[None]:
 
 
 def observation(experiment: str, rig: str, origin: str, repetition: str, quantity: Quantity) -> dict[str, Any]:
-    """A row of ``observations.csv``: one quantity of one repetition; `origin` is "measured" or "simulated"."""
+    """A row of ``observations.csv``: one quantity of one repetition, or one that lab.toml states.
+
+    `origin` is "measured", "stated" or "simulated".
+    """
     return {
         "experiment": experiment,
         "rig": rig,

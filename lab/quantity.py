@@ -52,6 +52,8 @@ class Quantity:
     """Named parts of the standard uncertainty, in `unit`; their root sum of squares is `std_uncertainty`."""
     doubtful: str = ""
     """Why this number should not be trusted as it stands; empty when nothing speaks against it."""
+    stated: bool = False
+    """Whether lab.toml states it, as the mean of `n` repetitions, instead of media."""
 
     @property
     def interval95(self) -> tuple[float, float]:
@@ -75,6 +77,8 @@ class Quantity:
             document["budget"] = {part: _finite(value) for part, value in self.budget.items()}
         if self.doubtful:
             document["doubtful"] = self.doubtful
+        if self.stated:
+            document["stated"] = "in lab.toml"
         return document
 
 

@@ -132,6 +132,7 @@ class _Settings:
     name: ClassVar[RigName]
     title: ClassVar[str]  # for the reader of a report
     several_views: ClassVar[bool] = False  # a rig at rest, of which one repetition may have several photos
+    wall_of_particles: ClassVar[bool] = False  # whether the wall may be covered with particles, and has their contacts
 
     @property
     def particles_touch(self) -> bool:
@@ -216,6 +217,7 @@ class TiltSettings(_Settings):
 
     name: ClassVar[RigName] = "tilt"
     title: ClassVar[str] = "Tilting plate"
+    wall_of_particles: ClassVar[bool] = True
 
     @property
     def particles_touch(self) -> bool:

@@ -30,6 +30,7 @@ DIMENSIONS = {
     "angular_speed": ("rad/s", "3 rpm"),
     "tilting_speed": ("rad/s", "2 deg/s"),
     "speed": ("m/s", "0.5 m/s"),
+    "mass_flow": ("kg/s", "78 g/s"),
     "acceleration": ("m/s^2", "9.81 m/s^2"),
     "scale": ("m/px", "0.2 mm/px"),
     "number": ("1", "0.42"),

@@ -10,8 +10,11 @@ from typing import get_args, get_type_hints
 import pytest
 
 from rigtwin.commands import measure, simulate
+from rigtwin.compare.deviation import RESULTS
 from rigtwin.compare.twins.registry import ENTRIES
 from rigtwin.lab.file import schema
+from rigtwin.lab.formatting import TITLES
+from rigtwin.lab.rig_quantities import _OF_RIG
 from rigtwin.lab.rigs import RIGS, SETTINGS, Rig, RigName
 
 PYPROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
@@ -51,6 +54,15 @@ def test_measure_takes_what_compare_hands_it(rig):
 @pytest.mark.parametrize("folder", ["measure", "sim"])
 def test_the_import_contracts_keep_every_rig_apart(folder):
     assert set(RIGS) <= LAYERS[f"rigtwin.{folder}"]
+
+
+def test_every_result_can_be_stated_and_the_docs_name_it():
+    named = {name for quantities in _OF_RIG.values() for name in quantities}
+    assert RESULTS.keys() <= named
+    assert {name.partition(" ")[0] for name in _OF_RIG} == set(RIGS)
+    page = (Path(__file__).parents[1] / "docs" / "stated_results.md").read_text(encoding="utf-8")
+    assert not {name for name in named if f"`{name}`" not in page}
+    assert named <= TITLES.keys()
 
 
 def test_stated_places_belong_to_known_rigs():

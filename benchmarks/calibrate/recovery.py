@@ -3,16 +3,18 @@
     SEED=7 COUNT=4 python benchmarks/calibrate/recovery.py
 
 A lab has a packed cylinder, a heap and a drum of 380 to 700 beads of one particle, written as tables of profiles.
-Static and rolling friction between the beads are drawn from the priors of `rigtwin calibrate`, whose logarithms are
-uniform.
-The labs are made by our own engine, with other seeds than the calibration's.  Finished labs are kept in
-``out/calibrate``, so that an interrupted benchmark continues.
+Two to four parameters are unknown: static and rolling friction between the beads, in every second lab the size of the
+beads, in every fourth their friction on the wall, too.  Their true values are drawn from the priors.  Half of the labs
+are made by our own engine, with other seeds than the calibration's, half by LIGGGHTS from exported decks (rolling
+friction of type C), where it is installed.  Finished labs are kept in ``out/calibrate``, so that an interrupted
+benchmark continues.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -20,25 +22,54 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.benchmarks.engine.decks import BINARY, computed
 from rigtwin.benchmarks.figures import OUT, SMOKE, Row, report, small
 from rigtwin.compare.campaign.calibrate import RANGES, calibrate
+from rigtwin.compare.campaign.posterior import Parameter
 from rigtwin.compare.campaign.sweep import stated_setting
-from rigtwin.compare.campaign.vary import at
+from rigtwin.compare.campaign.vary import Setting, at
 from rigtwin.compare.twins.matched import twin_of
-from rigtwin.compare.twins.twin import write_twin
+from rigtwin.compare.twins.twin import Twin, write_twin
+from rigtwin.sim.decks.deck import Deck
 
 RIGS = {
     "packing": (["cylinder_diameter=50mm", "count=400"], 3),
-    "pile": (["variant=piling", "base_diameter=80mm", "rim_height=10mm", "count=700"], 3),
+    "pile": (["variant=piling", "base_diameter=80mm", "rim_height=10mm", "outlet_height=50mm", "count=700"], 3),
     "drum": (["drum_diameter=100mm", "depth=30mm", "fill=0.35", "speed=6rpm"], 1),
 }
 """Settings of each rig, and repetitions."""
 SMALL = {"packing": (["cylinder_diameter=40mm", "count=120"], 2)}
 WALL = "PMMA"
 MEASURED_SEED = 9000  # first seed of the labs' own runs
+MORE = {"scale": (0.95, 1.05), "wall_static_friction": (0.05, 0.8)}
+"""Ranges of further unknown parameters."""
 
 
-def make_lab(folder: Path, truth: dict[str, float], seed: int) -> None:
+def unknown(number: int) -> list[Parameter]:
+    """The unknown parameters of a lab."""
+    more = ["scale"] * (number % 4 >= 2) + ["wall_static_friction"] * (number % 8 >= 6)
+    return [Parameter(name, *(RANGES | MORE)[name]) for name in (*RANGES, *more)]
+
+
+def code_of(number: int) -> str:
+    """The code that makes a lab."""
+    return "liggghts" if number % 2 and shutil.which(BINARY["liggghts"]) else "rigtwin"
+
+
+def made(code: str, setting: Setting, seed: int) -> Twin:
+    """The run of a rig that our own engine, or LIGGGHTS, computes."""
+    experiment, model = setting
+    if code == "rigtwin":
+        return twin_of(experiment, model=model, seed=seed)
+    bead, wall = experiment.particle, experiment.wall
+    assert wall is not None
+    contacts = (model.contact(bead.name, bead.name), model.contact(bead.name, wall.name))
+    rig, count = experiment.rig.rig(), getattr(experiment.rig, "count", None)
+    deck = Deck("liggghts", rig, bead, wall, *contacts, count=count, seed=seed)  # type: ignore[arg-type]
+    return computed(deck, 1)[0]
+
+
+def make_lab(folder: Path, truth: dict[str, float], seed: int, code: str) -> None:
     """Write a lab of simulated records."""
     folder.mkdir(parents=True, exist_ok=True)
     text = []
@@ -46,10 +77,11 @@ def make_lab(folder: Path, truth: dict[str, float], seed: int) -> None:
         setting = at(stated_setting(rig, stated, particle="D6", wall=WALL), truth)
         files = []
         for k in range(repetitions):
-            twin = twin_of(setting.experiment, model=setting.model, seed=MEASURED_SEED + 10 * seed + k)
+            twin = made(code, setting, MEASURED_SEED + 10 * seed + k)
             written = write_twin(twin, folder / f"{rig}-{k}")
-            record = written.get("surfaces") or written["record_1"]
-            files.append(record.relative_to(folder).as_posix())
+            views = [path for name, path in written.items() if name.startswith("record_")]
+            records = [written["surfaces"]] if "surfaces" in written else views
+            files.append([path.relative_to(folder).as_posix() for path in records])
         text += [
             "[[experiments]]", f'id = "{rig}"', f'rig = "{rig}"', 'particle = "D6"', f'wall = "{WALL}"',
             *(f"{key} = {value}" for key, value in split(stated)),
@@ -64,24 +96,34 @@ def split(stated: list[str]) -> list[tuple[str, str]]:
     return [(key, value if value.replace(".", "").isdecimal() else json.dumps(value)) for key, _, value in parts]
 
 
-def one_lab(folder: Path, seed: int) -> dict[str, Any]:
+def one_lab(folder: Path, number: int) -> dict[str, Any]:
     """Truth, intervals, runs and time [s] of a lab; read if it has finished before."""
     kept = folder / "result.json"
     if kept.is_file():
         return dict(json.loads(kept.read_text(encoding="utf-8")))
-    random = np.random.default_rng(seed)
-    truth = {name: float(low * (high / low) ** random.random()) for name, (low, high) in RANGES.items()}
-    if not (folder / "lab" / "lab.toml").is_file():
-        make_lab(folder / "lab", truth, seed)
+    code, parameters = prepared(folder, number)
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     begun = time.perf_counter()
-    found = calibrate(folder / "lab", folder / "calibration", seed=seed, budget=small(60, 20))
+    fit = [f"{one.name}={one.low}..{one.high}" for one in parameters]
+    found = calibrate(folder / "lab", folder / "calibration", fit=fit, seed=number, budget=small(60, 20))
     result = {
-        "truth": truth, "intervals": found.intervals, "best": dict(found.best), "runs": found.runs,
+        "made_by": code, "truth": truth, "intervals": found.intervals, "best": dict(found.best), "runs": found.runs,
         "seconds": time.perf_counter() - begun, "stopped": found.stopped, "probability": found.misfit[1],
         "ambiguous": found.ambiguous,
     }  # fmt: skip
     kept.write_text(json.dumps(result, indent=2), encoding="utf-8")
     return result
+
+
+def prepared(folder: Path, number: int) -> tuple[str, list[Parameter]]:
+    """Make a lab that is not there yet; the code that made it, and its unknown parameters."""
+    random = np.random.default_rng(number)
+    code, parameters = code_of(number), unknown(number)
+    if not (folder / "truth.json").is_file():
+        truth = {one.name: float(one.value(np.array(random.random()))) for one in parameters}
+        make_lab(folder / "lab", truth, number, code)
+        (folder / "truth.json").write_text(json.dumps(truth), encoding="utf-8")
+    return code, parameters
 
 
 def main() -> int:

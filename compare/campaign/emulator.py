@@ -23,17 +23,26 @@ class Emulator:
     ----------
     process : GaussianProcessRegressor
         Fitted to standardised values.
-    noise : float
-        Standard deviation of the twin from seed to seed, in the unit of the quantity.
+    fitted_noise : float
+        Standard deviation of the twin from seed to seed as fitted, in the unit of the quantity.
+    widened : float
+        Factor on both uncertainties, with which the runs lie about their own predictions as they should when each is
+        left out in turn; at least 1.
     """
 
     process: Any
-    noise: float
+    fitted_noise: float
+    widened: float = 1.0
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the twin from seed to seed, in the unit of the quantity."""
+        return self.widened * self.fitted_noise
 
     def predict(self, unit: Array) -> tuple[Array, Array]:
         """Mean of the twin at points of the unit cube, shape (n, p), and the emulator's standard uncertainty of it."""
         mean, spread = self.process.predict(unit, return_std=True)
-        return mean, np.sqrt(np.maximum(spread**2 - self.noise**2, 0.0))
+        return mean, self.widened * np.sqrt(np.maximum(spread**2 - self.fitted_noise**2, 0.0))
 
 
 def fit(unit: Array, values: Array, *, seed: int) -> Emulator:
@@ -64,8 +73,14 @@ def fit(unit: Array, values: Array, *, seed: int) -> Emulator:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # a length at its bound: the quantity does not depend on it
         process.fit(unit, values)
-    noise = float(np.sqrt(process.kernel_.k2.noise_level)) * float(np.std(values) or 1.0)
-    return Emulator(process, noise)
+    noise = float(np.sqrt(process.kernel_.k2.noise_level)) * float(np.std(values))
+    return Emulator(process, noise, max(1.0, float(np.sqrt(np.mean(_left_out(process) ** 2)))))
+
+
+def _left_out(process: Any) -> Array:
+    """Standardised deviation of each run from the prediction without it (Rasmussen & Williams 2006, section 5.4.2)."""
+    inverse = np.linalg.inv(process.kernel_(process.X_train_))
+    return np.asarray(inverse @ process.y_train_ / np.sqrt(np.diag(inverse)))
 
 
 def main_effects(emulator: Emulator, parameters: int, *, seed: int, number: int = 512) -> Array:

@@ -1,9 +1,9 @@
-"""Parameters given measurements: priors, likelihood with the emulator's uncertainty, and samples of the posterior."""
+"""Parameters given measurements: priors, likelihood with the emulators' uncertainty, and samples of the posterior."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,10 @@ from rigtwin.compare.campaign.emulator import Emulator
 from rigtwin.lab.arrays import Array
 
 WALKERS = 32
-STEPS, BURNT = 900, 300
+STEPS, MOST_STEPS = 900, 7200  # of a walker
+CONVERGED = 50  # autocorrelation times after which a chain counts as converged, as emcee's documentation has it
+THINNED = 5
+POOLED = 4  # degrees of freedom of the twin's scatter, beside those of the repetitions
 LOGARITHMIC = 8.0  # ratio of the ends of a range above which its logarithm is uniform
 
 
@@ -25,7 +28,7 @@ class Parameter:
     name : str
         Its name, as in a sweep.
     low, high : float
-        Range in SI, both above zero.
+        Range in SI.
     mean, std : float, optional
         A measured value and its standard uncertainty; without them all of the range is equally likely, of a wide range
         all of its logarithm.
@@ -43,7 +46,7 @@ class Parameter:
     @property
     def logarithmic(self) -> bool:
         """Whether the parameter is scaled by its logarithm."""
-        return self.mean is None and self.high > LOGARITHMIC * self.low
+        return self.mean is None and 0 < LOGARITHMIC * self.low < self.high
 
     def value(self, unit: Array) -> Array:
         """Values in SI of numbers in [0, 1]."""
@@ -66,7 +69,20 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Target:
-    """A measured quantity that the twin shall give."""
+    """A measured quantity that the twin shall give.
+
+    Parameters
+    ----------
+    experiment, quantity, method, unit : str
+        What was measured, and where.
+    value, std_uncertainty : float
+        Mean over the repetitions and its standard uncertainty, in `unit`.
+    repetitions : int
+        Number of repetitions.
+    reading_std : float
+        Standard uncertainty of the convention by which this quantity is read, in `unit`; all targets of this quantity
+        and method are off by the same amount.
+    """
 
     experiment: str
     quantity: str
@@ -75,52 +91,153 @@ class Target:
     value: float
     std_uncertainty: float
     repetitions: int
-    shared: int = 1  # number of targets read from the same heap or bed, which err together
+    reading_std: float = 0.0
 
 
-def variance(target: Target, emulator: Emulator, emulated: Array) -> Array:
-    """Variance of the difference between measurement and emulator.
+def correlation(targets: Sequence[Target], residuals: Mapping[Target, Array]) -> Array:
+    """Correlation of the scatter of the targets from run to run, shape (k, k).
 
-    Of one or two repetitions the scatter from run to run is not known; the twin's from seed to seed takes its place.
+    Quantities read from the same heap err together.  Their correlation is that of the emulators' residuals over the
+    runs of an experiment, shrunk towards none (Ledoit & Wolf 2004); other experiments are independent.
     """
-    scatter = emulator.noise**2 / target.repetitions if target.repetitions <= 2 else 0.0
-    return np.asarray(target.shared * (target.std_uncertainty**2 + scatter) + emulated**2)
+    from sklearn.covariance import LedoitWolf
+
+    found = np.eye(len(targets))
+    for experiment in dict.fromkeys(target.experiment for target in targets):
+        mine = [k for k, target in enumerate(targets) if target.experiment == experiment]
+        rows = np.array([residuals[targets[k]] for k in mine]).T
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        spread = rows.std(axis=0) if len(rows) else np.zeros(len(mine))
+        varied = [k for k, one in zip(mine, spread, strict=True) if one > 0]
+        if len(varied) < 2:
+            continue
+        scaled = rows[:, spread > 0] / spread[spread > 0]
+        shrunk = LedoitWolf(assume_centered=True).fit(scaled).covariance_
+        deviation = np.sqrt(np.diag(shrunk))
+        found[np.ix_(varied, varied)] = shrunk / np.outer(deviation, deviation)
+    return found
 
 
-def log_posterior(
-    unit: Array, parameters: Sequence[Parameter], targets: Sequence[Target], emulators: Sequence[Emulator]
-) -> Array:
-    """Logarithm of the posterior density at points of the unit cube, shape (n, p)."""
-    inside = ((unit >= 0) & (unit <= 1)).all(axis=1)
-    total = np.full(len(unit), -math.inf)
-    if not inside.any():
+@dataclass(frozen=True)
+class Posterior:
+    """Density of parameters given measurements.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        With their priors.
+    targets : sequence of Target
+        The measurements.
+    emulators : sequence of Emulator
+        Of each target.
+    correlation : ndarray, shape (k, k)
+        As of `correlation`.
+    """
+
+    parameters: Sequence[Parameter]
+    targets: Sequence[Target]
+    emulators: Sequence[Emulator]
+    correlation: Array
+
+    def log_density(self, unit: Array) -> Array:
+        """Logarithm of the density at points of the unit cube, shape (n, p), up to a constant."""
+        inside = ((unit >= 0) & (unit <= 1)).all(axis=1)
+        total = np.full(len(unit), -math.inf)
+        if inside.any():
+            within = unit[inside]
+            square, covariance = self._misfit(within)
+            total[inside] = self._log_prior(within) - 0.5 * (square + np.linalg.slogdet(covariance)[1])
         return total
-    within = unit[inside]
-    found = sum((one.log_prior(within[:, k]) for k, one in enumerate(parameters)), np.zeros(len(within)))
-    for target, emulator in zip(targets, emulators, strict=True):
-        mean, emulated = emulator.predict(within)
-        spread = variance(target, emulator, emulated)
-        found -= 0.5 * ((target.value - mean) ** 2 / spread + np.log(spread))
-    total[inside] = found
-    return total
+
+    def chi_square(self, unit: Array) -> Array:
+        """Squared deviations over their covariance at points of the unit cube; a measured prior counts, too."""
+        return self._misfit(unit)[0] - 2 * self._log_prior(unit)
+
+    def shares(self, unit: Array) -> Array:
+        """The emulators' share of the variance of each target at points of the unit cube, shape (n, k)."""
+        _, emulated = self._predict(unit)
+        return np.asarray(emulated**2 / (self._scatter**2 + emulated**2))
+
+    @property
+    def _scatter(self) -> Array:
+        """Standard deviation between measurement and twin without the emulator's, shape (k,).
+
+        The scatter of a few repetitions is hardly known.  It is pooled with the twin's from seed to seed, which counts
+        as `POOLED` degrees of freedom, unless the measurement is less certain anyway; of one or two repetitions the
+        stated uncertainty holds no scatter, and the twin's is added.
+        """
+        found = []
+        for one, emulator in zip(self.targets, self.emulators, strict=True):
+            own, twin = one.std_uncertainty**2, emulator.noise**2 / one.repetitions
+            freedom = one.repetitions - 1
+            pooled = (freedom * own + POOLED * max(own, twin)) / (freedom + POOLED)
+            found.append(math.sqrt(own + twin if one.repetitions <= 2 else pooled))
+        return np.array(found)
+
+    @property
+    def _read(self) -> Array:
+        """Covariance of the conventions by which quantities are read, shape (k, k)."""
+        what = [(one.quantity, one.method) for one in self.targets]
+        same = np.array([[a == b for a in what] for b in what], dtype=float)
+        spread = np.array([one.reading_std for one in self.targets])
+        return np.asarray(same * np.outer(spread, spread))
+
+    def _predict(self, unit: Array) -> tuple[Array, Array]:
+        both = [emulator.predict(unit) for emulator in self.emulators]
+        return np.array([mean for mean, _ in both]).T, np.array([spread for _, spread in both]).T
+
+    def _misfit(self, unit: Array) -> tuple[Array, Array]:
+        mean, emulated = self._predict(unit)
+        off = np.array([one.value for one in self.targets]) - mean
+        scatter = self._scatter
+        measured = self.correlation * np.outer(scatter, scatter) + self._read
+        floor = np.finfo(float).eps * np.maximum(np.abs(mean), 1e-12) ** 2  # a quantity that never scatters
+        covariance = measured + np.apply_along_axis(np.diag, 1, emulated**2 + floor)
+        square = np.einsum("nk,nk->n", off, np.linalg.solve(covariance, off[..., None])[..., 0])
+        return square, covariance
+
+    def _log_prior(self, unit: Array) -> Array:
+        return sum((one.log_prior(unit[:, k]) for k, one in enumerate(self.parameters)), np.zeros(len(unit)))
 
 
-def sample(
-    parameters: Sequence[Parameter], targets: Sequence[Target], emulators: Sequence[Emulator], *, seed: int
-) -> tuple[Array, Array]:
-    """Samples of the posterior in the unit cube, shape (n, p), and their log density (emcee, Goodman & Weare 2010)."""
+def sample(posterior: Posterior, *, seed: int, most: int = STEPS) -> tuple[Array, Array, bool]:
+    """Samples of a posterior (emcee, Goodman & Weare 2010).
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Density over the unit cube.
+    seed : int
+        Seed of the walkers.
+    most : int
+        Largest number of steps of a walker; it stops when its chain has converged.
+
+    Returns
+    -------
+    samples : ndarray, shape (n, p)
+        In the unit cube.
+    log_density : ndarray, shape (n,)
+        Of the samples.
+    converged : bool
+        Whether the chain is longer than fifty autocorrelation times.
+    """
     import emcee
 
     random = np.random.default_rng(seed)
-    start = random.random((40 * WALKERS, len(parameters)))
-    density = log_posterior(start, parameters, targets, emulators)
+    dimensions = len(posterior.parameters)
+    start = random.random((40 * WALKERS, dimensions))
+    density = posterior.log_density(start)
     chosen = start[np.argsort(-density)[: 4 * WALKERS]]
     falloff = 0.25 * (np.sort(density)[::-1][: 4 * WALKERS] - density.max())  # spread over all good places
     weights = np.exp(np.maximum(falloff, -500.0))  # none is zero, so that all walkers find a start
     first = chosen[random.choice(len(chosen), WALKERS, replace=False, p=weights / weights.sum())]
-    sampler = emcee.EnsembleSampler(
-        WALKERS, len(parameters), log_posterior, args=(parameters, targets, emulators), vectorize=True
-    )
+    sampler = emcee.EnsembleSampler(WALKERS, dimensions, posterior.log_density, vectorize=True)
     sampler.random_state = np.random.RandomState(seed).get_state()
-    sampler.run_mcmc(first, STEPS, skip_initial_state_check=True)
-    return sampler.get_chain(discard=BURNT, thin=5, flat=True), sampler.get_log_prob(discard=BURNT, thin=5, flat=True)
+    state, longest = first, math.inf
+    while sampler.iteration < most and sampler.iteration < CONVERGED * longest:
+        state = sampler.run_mcmc(state, STEPS, skip_initial_state_check=True)
+        longest = float(np.max(sampler.get_autocorr_time(tol=0)))
+    burnt = sampler.iteration // 3
+    samples = sampler.get_chain(discard=burnt, thin=THINNED, flat=True)
+    densities = sampler.get_log_prob(discard=burnt, thin=THINNED, flat=True)
+    return samples, densities, sampler.iteration >= CONVERGED * longest

@@ -107,7 +107,7 @@ def stated_setting(
 def _entry(rig: str, stated: Sequence[str], particle: str, wall: str | None) -> ExperimentEntry:
     from pydantic import TypeAdapter, ValidationError
 
-    keys: dict[str, Any] = {"id": rig, "rig": rig, "particle": particle, "repetitions": ["none"]}
+    keys: dict[str, Any] = {"id": rig, "rig": rig, "particle": particle}
     if wall is not None:
         keys["wall"] = wall
     for text in stated:
@@ -269,7 +269,7 @@ def _checked(setting: Setting, point: Point, count: int | None) -> Setting:
 def _measured(experiment: Experiment, out: Path, workers: int | None, progress: Progress) -> list[Quantity]:
     with measuring([experiment], out, workers) as pending:
         found = pending.results(progress)[experiment.id]
-    if not found.measurements:
+    if not found.known:
         raise BadInput(f"{experiment.id}: no repetition could be measured: {found.failures[0].message}")
     return found.quantities
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rigtwin.compare.campaign.run import Result, Run
 from rigtwin.compare.deviation import over_views
+from rigtwin.compare.twins.few_body import FRAME_RATE
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling
 
 FUNCTION = f"{__name__}:simulate"
-FRAME_RATE = 240.0  # [1/s], of the record of a twin of few bodies where none is stated, as of `rigtwin simulate`
 
 
 def twin_run(

@@ -193,10 +193,14 @@ def _widest(rows: Iterable[Deviation]) -> float:
 def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     experiment = outcome.experiment
     n = len(outcome.measurements)
-    lines = [
-        ("repetitions", f"{n} measured" + (f", {len(outcome.failures)} left out" if outcome.failures else "")),
-        ("bead", f"{experiment.particle.diameter * 1e3:.2f} mm, {experiment.particle.mass * 1e3:.3g} g"),
-    ]
+    lines = []
+    if experiment.repetitions:
+        left_out = f", {len(outcome.failures)} left out" if outcome.failures else ""
+        lines.append(("repetitions", f"{n} measured{left_out}"))
+    if experiment.measured:
+        names = dict.fromkeys(title(one.quantity) for one in experiment.measured)
+        lines.append(("stated in lab.toml", ", ".join(names)))
+    lines.append(("bead", f"{experiment.particle.diameter * 1e3:.2f} mm, {experiment.particle.mass * 1e3:.3g} g"))
     lines += _stated(experiment)
     rates = {
         round(float(item.camera["frame_rate_hz"]), 2)

@@ -218,7 +218,7 @@ def _beds(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
 def _bed(number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int, **taken: Any) -> Rows:
     """One bed of table 7, calibrated or at an earlier stage."""
     particle = str(row["virtual_particle"])
-    count = _in_bed(particle)
+    count = in_bed(particle)
     lasts = run_time.of_bed(particle, count)
     runs = [_run("packing", particle, seed + k, lasts, stage, **taken, count=count) for k in range(repeated)]
     names = tuple(run.name for run in runs)
@@ -236,7 +236,7 @@ def _bed(number: int, row: hlosta2020.Row, stage: str, repeated: int, seed: int,
     yield runs, Cell(number, where, computing, "s", *paper, names, computing, ("computing",), comparable=False)
 
 
-def _in_bed(particle: str) -> int:
+def in_bed(particle: str) -> int:
     """Number of particles in the cylinder."""
     if particle == "D12":
         return 390
@@ -247,7 +247,7 @@ def _in_bed(particle: str) -> int:
 def _frictions(number: int, quick: bool, repetitions: int | None, seed: int) -> Rows:
     """Tables 4 to 6: deviation of the bed from the measured height, over static and rolling friction."""
     particle, height = _SWEPT[number]
-    count = _in_bed(particle)
+    count = in_bed(particle)
     for row in hlosta2020.table(number):
         sliding, rolling = float(row["mu_s_pp"]), float(row["mu_r_pp"])
         if quick and (number in _NEVER_QUICK or (sliding, rolling) not in _QUICK_FRICTIONS):

@@ -176,7 +176,8 @@ class DropEntry(FewBodyEntry[DropSettings]):
         return self.rig(experiment).drop_height  # [m]
 
     def needs_measurement(self, experiment: Experiment) -> bool:
-        return self.stated_start(experiment) is None or experiment.camera.frame_rate is None
+        stated = self.stated_start(experiment) is not None and experiment.camera.frame_rate is not None
+        return super().needs_measurement(experiment) and not stated
 
     def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:
         from rigtwin.sim import drop

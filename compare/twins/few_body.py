@@ -17,6 +17,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.records import Track
 
+FRAME_RATE = 240.0  # [1/s], of the record where there is no film and none is stated, as of `rigtwin simulate`
 IDEAL = "The bead moves in a vacuum and does not spin at the start."
 
 if TYPE_CHECKING:
@@ -72,9 +73,11 @@ class FewBodyEntry(RigEntry[Settings]):
     needs: ClassVar[tuple[str, ...]] = ("restitution",)
 
     def needs_measurement(self, experiment: Experiment) -> bool:
-        return True
+        return bool(experiment.repetitions)
 
     def check(self, experiment: Experiment, *, model: Model, frame_rate: float | None, count: int | None) -> None:
+        if frame_rate is None and not experiment.repetitions:
+            frame_rate = _frame_rate(experiment, ())
         if frame_rate is not None:
             self.check_trial(experiment, model.contact(*experiment.contacts[0], self.needs), frame_rate)
 
@@ -123,11 +126,13 @@ class FewBodyEntry(RigEntry[Settings]):
 
 
 def _frame_rate(experiment: Experiment, measurements: Sequence[Measurement]) -> float:
-    """[1/s] as stated, else as the clips have it, else from the time steps of tracked records."""
+    """[1/s] as stated, else as the clips have it, else from the time steps of tracked records; there may be none."""
     if experiment.camera.frame_rate is not None:
         return experiment.camera.frame_rate
     rates = [float(rate) for item in measurements if (rate := item.camera.get("frame_rate_hz"))]
     rates = rates or [1 / float(np.median(np.diff(track.time))) for item in measurements for track in item.tracks]
+    if not rates and not experiment.repetitions:
+        return FRAME_RATE
     if not rates:
         raise BadInput(
             f"{experiment.id}: the frame rate is neither stated nor measured; "

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
+
+import numpy as np
 
 from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_twin
@@ -13,12 +16,13 @@ from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.rig_quantities import ABOVE_RIM
 from rigtwin.lab.rigs import Pile, PileSettings
 from rigtwin.lab.tracked.table import is_table
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
-    from rigtwin.lab.quantity import Measurement
+    from rigtwin.lab.quantity import Measurement, Quantity
     from rigtwin.sim.pile.pile import Heap
     from rigtwin.sim.run.set_up import Numerics
 
@@ -114,9 +118,26 @@ def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
     from rigtwin.sim.pile import pile
 
     evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=cast.particle.diameter)
+    if rig.rim_height > 0:
+        above = _above_rim(rig, heap, cast.particle.diameter)
+        evaluation = replace(evaluation, quantities=(*evaluation.quantities, *above))
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     shown = heap.profiles, (), lambda: pile.picture(rig, heap)
     return bulk_twin("pile", rig, cast, heap, evaluation, computed, course, *shown)
+
+
+def _above_rim(rig: Pile, heap: Heap, diameter: float) -> Iterator[Quantity]:
+    """Angles of repose of what is seen above the rim, from whose edge to edge they are read then."""
+    from rigtwin.measure.pile import evaluate as ruler
+
+    above = [replace(one, height=np.maximum(one.height - rig.rim_height, 0.0)) for one in heap.profiles]
+    try:
+        found = ruler.evaluate(above, base_diameter=heap.base_diameter, bead_diameter=diameter)
+    except BadInput:  # nothing stands above it
+        return
+    for one in found.quantities:
+        if one.quantity.startswith("angle_of_repose"):
+            yield replace(one, method=f"{one.method}{ABOVE_RIM}")
 
 
 PILE_COUNT = 1000

@@ -17,11 +17,13 @@ from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.file.schema import Document, ExperimentEntry, LabFile, Problem, read_document, validated
+from rigtwin.lab.file.stated_values import stated_quantities
 from rigtwin.lab.file.toml_lines import Key, dotted
 from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.output_files import replacing
-from rigtwin.lab.rigs import RIGS, RigName, RigSettings
+from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.rigs import RIGS, SETTINGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
 
 OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow-outside."
@@ -29,7 +31,7 @@ OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow
 
 @dataclass(frozen=True)
 class Experiment:
-    """One rig with one particle, its settings and its repetitions."""
+    """One rig with one particle, its settings, its repetitions and what is stated as measured."""
 
     id: str
     rig: RigSettings
@@ -43,6 +45,8 @@ class Experiment:
     """What is stated of tables of tracked data."""
     outside: frozenset[Path] = frozenset()
     """Files of the repetitions that lie outside the lab's folder."""
+    measured: tuple[Quantity, ...] = ()
+    """What lab.toml states as measured; it replaces what the repetitions give of the same quantity and method."""
 
     @property
     def rig_name(self) -> RigName:
@@ -161,20 +165,42 @@ def _experiment(
     folder: Path, inventory: Inventory, entry: ExperimentEntry, key: Key, allow_outside: bool
 ) -> Experiment | None:
     particle = inventory.particle(entry.particle, (*key, "particle"))
-    wall = None if entry.wall is None else inventory.material(entry.wall, (*key, "wall"))
+    covered = SETTINGS[entry.rig].wall_of_particles
+    wall = None if entry.wall is None else inventory.wall(entry.wall, (*key, "wall"), of_particles=covered)
     repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
     outside = list(_outside(folder, entry, repetitions, key))
+    measured, wrong = _measured(entry, key)
     found = [
         *(Problem((*key, name), why) for name, why in entry.faults()),
+        *wrong,
         *(_media_problems(entry, repetitions, key) if allow_outside or not outside else outside),
         *_camera_problems(entry, folder, key, allow_outside),
+        *_idle(entry, key),
     ]
     inventory.problems += found
     if particle is None or found or (entry.wall is not None and wall is None):
         return None
     camera = entry.camera.camera(folder)
     views = frozenset(view for views in repetitions for view in views if lies_outside(view, folder))
-    return Experiment(entry.id, entry.settings(), particle, wall, camera, repetitions, entry.table, views)
+    return Experiment(entry.id, entry.settings(), particle, wall, camera, repetitions, entry.table, views, measured)
+
+
+def _measured(entry: ExperimentEntry, key: Key) -> tuple[tuple[Quantity, ...], list[Problem]]:
+    """What is stated as measured, and what is wrong there."""
+    if not entry.repetitions and not entry.measured:
+        why = (
+            'this key is missing; add repetitions = ["r01.mp4", "r02.mp4"], or state results under '
+            "[experiments.measured]."
+        )
+        return (), [Problem((*key, "repetitions"), why)]
+    found: list[Quantity] = []
+    problems = []
+    for name, given in entry.measured.items():
+        try:
+            found += stated_quantities(name, given, entry.settings())
+        except BadInput as error:
+            problems.append(Problem((*key, "measured", name), str(error)))
+    return tuple(found), problems
 
 
 def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key) -> list[Problem]:
@@ -223,6 +249,16 @@ def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key, allow_outsi
     if board is not None and not allow_outside and lies_outside(folder / board.photo, folder):
         return [Problem((*key, "camera", "board"), f"{folder / board.photo} {OUTSIDE}")]
     return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder, entry.rig)]
+
+
+def _idle(entry: ExperimentEntry, key: Key) -> Iterator[Problem]:
+    """Keys that say something of media where there are none."""
+    if entry.repetitions or not entry.measured:
+        return
+    stated: list[Key] = [("camera", name) for name in sorted(entry.camera.model_fields_set - {"frame_rate"})]
+    stated += [(name,) for name in ("columns", "join") if name in entry.model_fields_set]
+    for name in stated:
+        yield Problem((*key, *name), "is not used, because there are no repetitions; leave it out.")
 
 
 def _repeated_ids(document: Document, file: LabFile) -> list[Problem]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.schema import LabFile, ModelFile, ParticleEntry, Problem, suggestion
@@ -40,6 +41,13 @@ class Inventory:
         self.materials[name] = hlosta2020.material(name)
         self.borrowed.append(f"material {name} taken from {hlosta2020.CITATION} (table 2)")
         return self.materials[name]
+
+    def wall(self, name: str, key: Key, *, of_particles: bool) -> Material | None:
+        """A wall by its material, or by the particles that cover it; None, and a problem at `key`, if there is none."""
+        if not of_particles or name not in {*self.file.particles, *hlosta2020.NAMES}:
+            return self.material(name, key)
+        grain = self.particle(name, key)
+        return None if grain is None else replace(grain.material, name=name)
 
     def particle(self, name: str, key: Key) -> Particle | None:
         """A particle by name; None, and a problem at `key`, when there is none."""

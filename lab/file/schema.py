@@ -354,7 +354,8 @@ class CameraEntry(_Entry):
 class _ExperimentEntry(_Entry):
     id: Name = Field(examples=["drop-D6-steel"])
     particle: Name = Field(examples=["D6"])
-    repetitions: list[Views] = Field(min_length=1, examples=[["r01.mp4", "r02.mp4"]])
+    repetitions: list[Views] = Field([], min_length=1, examples=[["r01.mp4", "r02.mp4"]])
+    measured: dict[str, Any] = {}  # read by `rigtwin.lab.file.stated_values`
     columns: Annotated[Mapping[str, tuple[str, str]], _edge(_columns), Field(examples=["t=time[ms],x=cx,y=cy"])] = {}
     join: Annotated[tuple[tuple[str, ...], ...], _edge(_joined), Field(examples=[["3,7"]])] = ()
     camera: CameraEntry = CameraEntry()

@@ -95,7 +95,14 @@ def _chosen(lab: Lab, only: Sequence[str]) -> list[Experiment]:
     for one in chosen:
         if not _kind(one)[0]:
             raise BadInput(f"{lab.path}: {one.id}: a diagnosis of a {one.rig_name} needs a folder with a lab.json.")
-    return chosen
+    filmed = [one for one in chosen if one.repetitions]
+    if not filmed or (only and len(filmed) < len(chosen)):
+        still = next(one for one in chosen if not one.repetitions)
+        raise BadInput(
+            f"{lab.path}: {still.id} states results only, under [experiments.measured]; a diagnosis needs repetitions, "
+            "films or tracked data of the motion."
+        )
+    return filmed
 
 
 def _kind(experiment: Experiment) -> tuple[str, bool]:

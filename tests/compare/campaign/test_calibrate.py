@@ -9,7 +9,7 @@ import pytest
 from rigtwin.benchmarks.calibrate.recovery import make_lab
 from rigtwin.cli import run
 from rigtwin.compare.campaign import emulator as emulators
-from rigtwin.compare.campaign.posterior import Parameter, Target, sample
+from rigtwin.compare.campaign.posterior import Parameter, Posterior, Target, sample
 from rigtwin.lab.file.model_file import read_model
 
 
@@ -39,10 +39,11 @@ def test_one_quantity_of_two_parameters_leaves_a_ridge_and_a_second_one_ends_it(
     both = emulators.fit(design, design.sum(axis=1), seed=1)
     other = emulators.fit(design, design[:, 0] - design[:, 1], seed=1)
     known = Target("heap", "angle", "line", "deg", 1.0, 0.02, 5)
-    samples, _ = sample(parameters, [known], [both], seed=1)
+    samples, _, _ = sample(Posterior(parameters, [known], [both], np.eye(1)), seed=1)
     assert np.corrcoef(samples.T)[0, 1] < -0.95
     assert np.std(samples[:, 0]) > 0.2
-    samples, _ = sample(parameters, [known, Target("bed", "height", "top", "m", 0.2, 0.02, 5)], [both, other], seed=1)
+    second = Target("bed", "height", "top", "m", 0.2, 0.02, 5)
+    samples, _, _ = sample(Posterior(parameters, [known, second], [both, other], np.eye(2)), seed=1)
     assert samples.mean(axis=0) == pytest.approx([0.6, 0.4], abs=0.02)
     assert np.std(samples[:, 0]) < 0.03
 
@@ -60,7 +61,7 @@ def lab(tmp_path_factory):
     folder = tmp_path_factory.mktemp("lab")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rigtwin.benchmarks.calibrate.recovery.small", lambda _usual, smoke: smoke)
-        make_lab(folder, {"static_friction": 0.5, "rolling_friction": 0.05}, 1)
+        make_lab(folder, {"static_friction": 0.5, "rolling_friction": 0.05}, 1, "rigtwin")
     return folder
 
 
@@ -72,8 +73,9 @@ def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path
         assert found["intervals"][name]["low"] < value < found["intervals"][name]["high"]
     assert found["fits"]
     assert found["ambiguous"], "one bed height does not separate two frictions"
-    (bed,) = found["predictions"]
+    bed, *curves = found["predictions"]
     assert abs(bed["percent_deviation"]) < 3
+    assert {row["quantity"] for row in curves} == {"outline of the bed"}
     model = read_model(tmp_path / "model.toml")
     assert model.known_contact("D6", "D6").static_friction == pytest.approx(found["best"]["static_friction"])
     assert list(pd.read_csv(tmp_path / "posterior.csv").columns) == ["static_friction", "rolling_friction"]

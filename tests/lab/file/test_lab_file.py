@@ -173,6 +173,30 @@ def test_what_the_file_defines_goes_before_the_paper_and_only_gaps_are_filled(fo
     assert "its own steel" in said
 
 
+TILT = """
+[[experiments]]
+id = "tilt-1"
+rig = "tilt"
+variant = "slide"
+particle = "oak-bead"
+wall = "%s"
+repetitions = ["r03.mp4"]
+"""
+
+
+def test_a_tilted_plate_may_be_covered_with_particles_and_no_other_wall(folder):
+    (folder / "r03.mp4").write_bytes(b"another")
+    (folder / "lab.toml").write_text(LAB + TILT % "oak-bead", encoding="utf-8")
+    tilt = read_lab(folder).experiments[-1]
+    assert tilt.contacts == (("oak-bead", "oak-bead"),)
+    assert tilt.wall.youngs_modulus == tilt.particle.material.youngs_modulus
+    (folder / "lab.toml").write_text(LAB + TILT % "oak-bed", encoding="utf-8")
+    with pytest.raises(BadLabFile, match="there is no material 'oak-bed'"):
+        read_lab(folder)
+    message, _ = refusal(folder, 'wall = "steel"\nrep', 'wall = "D6"\nrep')
+    assert "experiment 1, wall: there is no material 'D6'" in message
+
+
 @pytest.mark.parametrize("again", ["r01.mp4", "./r01.mp4"])
 def test_a_clip_listed_twice_is_refused_for_it_is_no_second_measurement(folder, again):
     message, _ = refusal(folder, '"r02.csv"', f'"{again}"')

@@ -1,0 +1,174 @@
+"""What a calibration found: posterior, best set, predictions, and what they say in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.campaign import emulator as emulators
+from rigtwin.compare.campaign.posterior import CONVERGED, Parameter, Target
+from rigtwin.compare.campaign.search import Search, State, applies
+from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, at
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.file.lab_file import Lab
+from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.materials import PARAMETERS
+
+TIED = 0.8  # correlation from which two parameters are named as ambiguous
+WIDE = 0.2  # standard deviation over the range from which a parameter is not determined; a uniform one has 0.29
+WEAK = 0.02  # share of the variance of a quantity below which a parameter has no visible influence on it
+MISFIT = 0.01  # probability of the misfit below which no set fits
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The posterior and what follows from it."""
+
+    lab: Lab
+    parameters: tuple[Parameter, ...]
+    targets: tuple[Target, ...]
+    samples: Array  # shape (n, p), in SI
+    best: Mapping[str, float]  # the sample of highest density
+    model: Model  # with the best set
+    sensitivities: Array  # shape (targets, p), share of the variance that each parameter causes alone
+    predictions: tuple[dict[str, Any], ...]
+    runs: int
+    stopped: str
+    misfit: tuple[float, float]  # chi-square of the best set, and its probability
+    remarks: tuple[str, ...] = ()
+    files: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def fits(self) -> bool:
+        """Whether the best set agrees with the measurements."""
+        return self.misfit[1] >= MISFIT
+
+    @property
+    def intervals(self) -> dict[str, dict[str, float]]:
+        """Median, standard deviation and 95 % credible interval of each parameter."""
+        found = {}
+        for one, values in zip(self.parameters, self.samples.T, strict=True):
+            low, median, high = np.quantile(values, (0.025, 0.5, 0.975))
+            found[one.name] = {"median": median, "std": float(np.std(values)), "low": low, "high": high}
+        return found
+
+    @property
+    def correlations(self) -> dict[str, float]:
+        """Correlation of each pair of parameters, of their logarithms where those are uniform beforehand."""
+        names = [one.name for one in self.parameters]
+        if len(names) < 2:
+            return {}
+        matrix = np.atleast_2d(np.corrcoef(np.array(self._scaled)))
+        pairs = [(i, j) for i in range(len(names)) for j in range(i)]
+        return {f"{names[j]} / {names[i]}": float(matrix[i, j]) for i, j in pairs}
+
+    @property
+    def ambiguous(self) -> list[str]:
+        """Sentences on parameters that these experiments do not separate or do not determine."""
+        said = [
+            f"{names} cannot be separated (correlation {value:.2f}): families of sets fit equally well"
+            for names, value in self.correlations.items()
+            if abs(value) > TIED
+        ]
+        for k, (one, scaled) in enumerate(zip(self.parameters, self._scaled, strict=True)):
+            if one.mean is None and np.std(scaled) > WIDE:
+                weak = bool((self.sensitivities[:, k] < WEAK).all())
+                why = "no measured quantity depends on it visibly" if weak else "its posterior is as wide as its range"
+                said.append(f"{one.name} is not determined: {why}")
+        return said
+
+    @property
+    def worst(self) -> Mapping[str, Any] | None:
+        """The fitted quantity that is most standard deviations off."""
+        rows = [row for row in self.predictions if row["z"] is not None and not row["held_out"]]
+        return max(rows, key=lambda row: abs(row["z"]), default=None)
+
+    @property
+    def _scaled(self) -> list[Array]:
+        """The samples of each parameter in the unit interval."""
+        return [one.unit(values) for one, values in zip(self.parameters, self.samples.T, strict=True)]
+
+    def to_json(self) -> dict[str, Any]:
+        """Content of ``calibration.json``."""
+        return {
+            "lab": str(self.lab.path),
+            "fits": self.fits,
+            "chi_square": self.misfit[0],
+            "probability": self.misfit[1],
+            "best": dict(self.best),
+            "intervals": self.intervals,
+            "priors": {
+                one.name: {"low": one.low, "high": one.high, "mean": one.mean, "std": one.std, "source": one.source}
+                for one in self.parameters
+            },
+            "correlations": self.correlations,
+            "ambiguous": self.ambiguous,
+            "sensitivities": [
+                {
+                    "experiment": target.experiment, "quantity": target.quantity, "method": target.method,
+                    **dict(zip((one.name for one in self.parameters), row.tolist(), strict=True)),
+                }
+                for target, row in zip(self.targets, self.sensitivities, strict=True)
+            ],
+            "predictions": list(self.predictions),
+            "runs": self.runs,
+            "stopped": self.stopped,
+            "remarks": list(self.remarks),
+            "files": {name: str(path) for name, path in self.files.items()},
+        }  # fmt: skip
+
+
+def calibration_of(search: Search, found: State, predictions: tuple[dict[str, Any], ...]) -> Calibration:
+    """The result of a search that has ended."""
+    from scipy.stats import chi2
+
+    parameters, posterior = search.parameters, found.fitted
+    samples = np.column_stack([one.value(found.samples[:, k]) for k, one in enumerate(parameters)])
+    best = {one.name: float(one.value(found.best[k])) for k, one in enumerate(parameters)}
+    square = float(posterior.chi_square(found.best[None, :])[0])
+    free = max(len(posterior.targets) - sum(one.mean is None for one in parameters), 1)
+    shares = [emulators.main_effects(one, len(parameters), seed=search.seed) for one in posterior.emulators]
+    return Calibration(
+        search.lab, parameters, tuple(posterior.targets), samples, best, _best_model(search, best), np.array(shares),
+        predictions, found.runs, found.stopped, (square, float(chi2.sf(square, free))),
+        tuple(_remarks(search, found, best)),
+    )  # fmt: skip
+
+
+def _best_model(search: Search, best: Mapping[str, float]) -> Model:
+    """The model of the lab with the best set."""
+    model = search.lab.model
+    for experiment in search.fitted:
+        mine = {name: value for name, value in best.items() if applies(name, experiment)}
+        moved = at(Setting(experiment, model), mine)
+        model = moved.model
+        if OF_PARTICLE.keys() & mine.keys() and moved.experiment.particle.shape is None:
+            particle = moved.experiment.particle
+            model = replace(
+                model,
+                particles={**model.particles, particle.name: particle},
+                materials={**model.materials, particle.material.name: particle.material},
+            )
+    return model
+
+
+def _remarks(search: Search, found: State, best: Mapping[str, float]) -> Iterator[str]:
+    for name, value in best.items():
+        if "." not in name and name.removeprefix("wall_") not in PARAMETERS:
+            whose = "the particle" if name in OF_PARTICLE else "the rig"
+            yield (
+                f"`compare --model` takes contacts and effects from model.toml; state {name} = {value:.5g} (SI) of "
+                f"{whose} in lab.toml"
+            )
+    if found.failures:
+        yield f"{len(found.failures)} twins failed, the first: {next(iter(found.failures.values()))}"
+    for target in found.left_out:
+        yield f"{target.experiment}, {target.quantity} ({target.method}) was not fitted: too few twins give it"
+    if not found.converged:
+        yield (
+            f"the samples of the posterior span less than {CONVERGED} autocorrelation times; intervals are approximate"
+        )

@@ -1,0 +1,137 @@
+"""Curves as targets of a calibration: profiles and discharge enter by a few principal components."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigtwin.compare.campaign.posterior import Target
+from rigtwin.compare.twins.registry import entry_of
+from rigtwin.lab.records import Profile, Series
+
+if TYPE_CHECKING:
+    from rigtwin.compare.campaign.run import Result
+    from rigtwin.compare.curve_overlays import Curve, Overlay
+    from rigtwin.lab.arrays import Array
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.quantity import Measurement
+
+COMPONENTS = 2  # of a curve
+LEAST = 0.05  # share of the variance among twins that a component has at least
+POINTS = 60  # of a curve
+FEWEST = 6  # twins from which components are found
+
+
+@dataclass(frozen=True)
+class CurveTargets:
+    """The components of the curves of an experiment.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Its twins give the curves.
+    measured : sequence of Measurement
+        Repetitions with the measured curves.
+    components : mapping of str to tuple of ndarray
+        For each curve the unit, the axis, shape (m,), the mean over twins, shape (m,), and unit vectors over the root
+        of m, shape (c, m).
+    """
+
+    experiment: Experiment
+    measured: Sequence[Measurement]
+    components: Mapping[str, tuple[str, Array, Array, Array]]
+
+    @property
+    def targets(self) -> list[Target]:
+        """Each component of the measured curves: mean over the repetitions."""
+        found = []
+        each = [self._scores([one], []) for one in self.measured]
+        for what, (unit, *_) in self.components.items():
+            rows = np.array([scores[what] for scores in each if what in scores])
+            if len(rows) == 0 or not np.isfinite(rows).all():
+                continue
+            spread = rows.std(axis=0, ddof=1) / math.sqrt(len(rows)) if len(rows) > 1 else np.zeros(rows.shape[1])
+            found += [
+                Target(
+                    self.experiment.id, what, _method(k), unit, float(np.mean(rows[:, k])), float(spread[k]), len(rows)
+                )
+                for k in range(rows.shape[1])
+            ]
+        return found
+
+    def values(self, result: Result) -> dict[tuple[str, str], float]:
+        """The components of a twin's curves, by quantity and method of their target."""
+        scores = self._scores([], [_twin(result)])
+        return {(what, _method(k)): float(value) for what, row in scores.items() for k, value in enumerate(row)}
+
+    def _scores(self, measured: Sequence[Any], twins: Sequence[Any]) -> dict[str, Array]:
+        found = {}
+        for shape in _overlays(self.experiment, measured, twins):
+            curves = shape.measured or shape.simulated
+            if shape.what in self.components and curves:
+                _, x, mean, vectors = self.components[shape.what]
+                found[shape.what] = vectors @ (_mean(curves, x) - mean)
+        return found
+
+
+def curve_targets(experiment: Experiment, measured: Sequence[Measurement], results: Sequence[Result]) -> CurveTargets:
+    """Principal components (`sklearn.decomposition.PCA`) of the curves of twins that a measurement has, too.
+
+    Scores are root mean squares along the curve, in the unit of the curve.
+    """
+    from sklearn.decomposition import PCA
+
+    twins = [_twin(result) for result in results]
+    components = {}
+    for shape in _overlays(experiment, measured, twins):
+        if not (shape.measured and shape.simulated and shape.meet):
+            continue
+        x = np.linspace(*shape.span, POINTS)
+        own = [_overlay(experiment, [one], shape.what) for one in twins]
+        rows = np.array([_mean(one.simulated, x) for one in own if one is not None and one.simulated])
+        if len(rows) < FEWEST or not np.isfinite(rows).all() or not np.ptp(rows, axis=0).any():
+            continue
+        found = PCA(COMPONENTS).fit(rows)
+        kept = found.components_[found.explained_variance_ratio_ > LEAST]
+        components[shape.what] = (shape.unit, x, found.mean_, kept / math.sqrt(POINTS))
+    return CurveTargets(experiment, measured, components)
+
+
+def _method(k: int) -> str:
+    return f"component {k + 1} of the curve"
+
+
+def _overlays(experiment: Experiment, measured: Sequence[Any], twins: Sequence[Any]) -> list[Overlay]:
+    return list(entry_of(experiment).curves(experiment, measured, twins))
+
+
+def _overlay(experiment: Experiment, twins: Sequence[Any], what: str) -> Overlay | None:
+    return next((one for one in _overlays(experiment, [], twins) if one.what == what), None)
+
+
+def _mean(curves: Sequence[Curve], x: Array) -> Array:
+    """Mean over views; beyond its ends a curve keeps its last value."""
+    rows = []
+    for curve in curves:
+        known = np.isfinite(curve.y) & np.isfinite(curve.x)
+        order = np.argsort(curve.x[known], kind="stable")
+        rows.append(np.interp(x, curve.x[known][order], curve.y[known][order]) if known.any() else np.nan * x)
+    return np.asarray(np.mean(rows, axis=0))
+
+
+def _twin(result: Result) -> Any:
+    """The curves of a finished twin."""
+    count = sum(name.startswith("profile_") and name.endswith("_x") for name in result)
+    profiles = [
+        Profile(x, result[f"profile_{k}_height"], np.zeros_like(x))
+        for k in range(1, count + 1)
+        if (x := np.asarray(result[f"profile_{k}_x"])) is not None
+    ]
+    names = [name.removesuffix("_value") for name in result if name.endswith("_value")]
+    series = [Series(result[f"{name}_time"], result[f"{name}_value"], name, "1") for name in names]
+    return SimpleNamespace(profiles=tuple(profiles), series=tuple(series), tracks=())
