@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-decks bench-calibrate bench-search faults fuzz clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-decks bench-calibrate bench-search bench-campaign bench-sweep faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -79,6 +79,14 @@ bench-calibrate: $(READY)
 # simulations needed beside a grid, random search and CMA-ES (the package cma of the group bench); half an hour
 bench-search: $(READY)
 	$(BIN)/python benchmarks/calibrate/search_cost.py
+
+# SEED=7 COUNT=20 make bench-campaign: a campaign killed COUNT times, and one of two processes; two minutes
+bench-campaign: $(READY)
+	$(BIN)/python benchmarks/campaign/kills.py
+
+# COUNT=4 make bench-sweep: packings of 3000 beads (all 56 without COUNT) by rigtwin and by LIGGGHTS; goes on
+bench-sweep: $(READY)
+	$(BIN)/python benchmarks/campaign/sweep_speed.py
 
 # SEED=7 COUNT=10 make faults: kills, a full disk, two runs in one folder; some twenty minutes
 faults: $(READY)

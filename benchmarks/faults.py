@@ -30,7 +30,7 @@ from rigtwin.benchmarks.figures import Row, report, skipped, small
 
 SEED = int(os.environ.get("SEED", "1"))
 COUNT = int(os.environ.get("COUNT", str(small(10, 2))))
-LEVELS = small(20, 4)  # of room on a disk
+LEVELS = small(20, 2)  # of room on a disk
 LARGEST_LEVEL = 400_000  # [bytes]; each command here writes more in all, and each file of it less
 LONGEST = 300  # [s], of one command
 

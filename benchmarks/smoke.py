@@ -43,6 +43,9 @@ class Script:
 
 # those that take longest begin first
 SCRIPTS = (
+    Script("faults", 15, "faults.py"),
+    Script("decks", 5, "engine/decks.py"),
+    Script("bench-guards", 200, "measure/guards.py"),
     Script("bench-bulk-footage", 25, "measure/hard_bulk.py"),
     Script("bench-footage", 30, "measure/hard_footage.py"),
     Script("bench", 26, "engine/speed.py"),
@@ -52,15 +55,14 @@ SCRIPTS = (
     Script("bench-diagnose", 20, "diagnose/verdicts.py"),
     Script("bench-ground", 9, "measure/background_bias.py"),
     Script("reproduction-page", 2, "reproduce/docs_page.py"),
-    Script("faults", 15, "faults.py"),
     Script("fuzz", 6, "fuzz.py"),
+    Script("campaign", 16, "campaign/kills.py"),
+    Script("sweep-speed", 1, "campaign/sweep_speed.py"),
     Script("poured-bed", 8, "engine/poured_bed.py"),
     Script("conical", 3, "engine/conical.py"),
     Script("devices", 2, "engine/devices.py"),
     Script("calibrate_search", 4, "calibrate/search_cost.py"),
-    Script("decks", 5, "engine/decks.py"),
     Script("bench-drum-moments", 35, "measure/drum_moments.py"),
-    Script("bench-guards", 200, "measure/guards.py"),
 )
 
 

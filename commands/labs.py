@@ -11,7 +11,7 @@ import typer
 
 from rigtwin.commands import simulate
 from rigtwin.commands.display import show_comparison, show_diagnosis
-from rigtwin.commands.options import Out, Runs, Seed, Stiffness, Threads
+from rigtwin.commands.options import Cluster, Out, Runs, Seed, Stiffness, Threads
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -50,13 +50,15 @@ def compare(
             help="Take what another code computed from an exported deck as this experiment's twin; may be given again.",
         ),
     ] = None,
+    cluster: Cluster = None,
     allow_outside: Outside = False,
     out: Out = None,
 ) -> Work:
     """Measure a whole lab, run its twins, write percent deviations.
 
     Every experiment of lab.toml is measured and its matched twin is run. A table, CSV and JSON files and a report show
-    the measured value, the simulated value and their difference.
+    the measured value, the simulated value and their difference. Several runs of a twin are computed side by side and
+    kept; called again, only missing ones are run.
     """
     from rigtwin.compare.compare_lab import compare as compare_lab
 
@@ -73,6 +75,7 @@ def compare(
         stiffness_factor=stiffness_factor,
         rolling=None if rolling_model is None else simulate.rolling_law(rolling_model),
         simulated=folders_of(simulated or ()),
+        cluster=cluster,
         allow_outside=allow_outside,
     )
 

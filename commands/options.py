@@ -242,7 +242,7 @@ Runs = Annotated[
         "--heaps",
         min=1,
         max=MOST_RUNS,
-        help="Runs of a twin of many particles, with seeds from --seed upwards.",
+        help="Runs of a twin of many particles, with seeds from --seed upwards; several at a time, each on one thread.",
     ),
 ]
 Stiffness = Annotated[

@@ -20,6 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
+from rigtwin.compare.campaign.campaign import run_all
+from rigtwin.compare.campaign.runners import Runner, runner
+from rigtwin.compare.campaign.twin_runs import twin_from, twin_run
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
@@ -33,7 +36,7 @@ from rigtwin.compare.twins.matched import (
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.checksums import sha256
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import Model, read_model
 from rigtwin.lab.file.schema import suggestion
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
 
 
 UNFINISHED = "unfinished"  # folder in the output folder with checkpoints of running twins
+RUNS = "runs"  # folder in the output folder with the store of twins that run side by side
 
 
 def compare(
@@ -63,6 +67,7 @@ def compare(
     stiffness_factor: float | None = None,
     rolling: Rolling | None = None,
     simulated: Mapping[str, Path] | None = None,
+    cluster: str | None = None,
     allow_outside: bool = False,
 ) -> Comparison:
     """Compare a lab with its twins and write the results.
@@ -82,9 +87,10 @@ def compare(
     seed : int
         Seed of the first run of a twin.
     runs : int
-        Number of runs of each twin of many particles, with seeds from `seed` upwards.
+        Number of runs of each twin of many particles, with seeds from `seed` upwards.  Several runs are computed side
+        by side, each by one thread, and kept in ``out/runs``.
     threads : int, optional
-        CPU threads of each simulation; all by default.
+        CPU threads of a simulation, or number of runs at a time; all by default.
     workers : int, optional
         Number of measuring processes, one for each core by default.
     model : Path, optional
@@ -95,6 +101,8 @@ def compare(
         Rolling resistance law of twins of many particles.
     simulated : mapping of str to Path, optional
         For experiments by name the folder of a deck that another code has computed; it takes the place of the twin.
+    cluster : str, optional
+        A cluster for the twins of many particles, as in `rigtwin.compare.campaign.runners.runner`.
     allow_outside : bool
         Whether the lab may name files outside its folder.
 
@@ -114,8 +122,8 @@ def compare(
     Notes
     -----
     A repetition that cannot be measured is left out with a warning.  After an error the files of an earlier run are
-    unchanged.  An interrupted call keeps twins of many particles in ``out/unfinished``, and the next call continues
-    from there.
+    unchanged.  The next call continues an interrupted one: a single run of a twin of many particles from its state in
+    ``out/unfinished``, several runs with those that ``out/runs`` does not contain.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder, allow_outside=allow_outside)
@@ -127,7 +135,12 @@ def compare(
         remarks += _made_for_others(model, given, experiments)
     for experiment in experiments:
         _need_contacts(lab, experiment)
-    _need_takers(lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor, rolling=rolling)
+    _need_takers(
+        lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor, rolling=rolling, cluster=cluster
+    )
+    where = None
+    if runs > 1 or cluster is not None:
+        where = runner(cluster, threads, out / RUNS, option="--threads")
     for experiment in experiments:
         need_possible(lab, experiment, count=count)
     twins, more = _imported(lab, experiments, simulated or {})
@@ -137,7 +150,16 @@ def compare(
         for place in folders(experiments):
             remove_leftovers(out / place)
         measured, twins, seconds = _measured_and_run(
-            lab, experiments, out, workers, settings, twins, seed=seed, runs=runs, clock=clock, progress=progress
+            lab,
+            experiments,
+            out,
+            workers,
+            settings,
+            twins,
+            seeds=range(seed, seed + runs),
+            where=where,
+            clock=clock,
+            progress=progress,
         )
         outcomes = tuple(
             _outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments
@@ -160,22 +182,27 @@ def _measured_and_run(
     settings: Mapping[str, Any],
     imported: Mapping[str, list[Twin]],
     *,
-    seed: int,
-    runs: int,
+    seeds: range,
+    where: Runner | None,
     clock: float,
     progress: Progress,
 ) -> tuple[Mapping[str, Measured], dict[str, list[Twin]], dict[str, float]]:
-    """Measurements and twins by experiment, and the seconds that each took; `imported` twins are not run."""
+    """Measurements and twins by experiment, and the seconds that each took; `imported` twins are not run.
+
+    Twins of many particles are runs of a campaign if `where` is given.
+    """
     twins = dict(imported)
     run: Callable[..., Twin] = partial(
-        twin_of, model=lab.model, kept_in=out / UNFINISHED, progress=progress, **settings
+        twin_of, model=lab.model, seed=seeds[0], kept_in=out / UNFINISHED, progress=progress, **settings
     )
     with _note_of_kept(out / UNFINISHED, experiments):
         with measuring(experiments, out, workers) as pending:
+            if where is not None:
+                many = [one for one in experiments if entry_of(one).many_particles and one.id not in twins]
+                twins |= _side_by_side(lab, many, out / RUNS, settings, seeds, where, progress)
             for experiment in experiments:
                 if experiment.id not in twins and not entry_of(experiment).needs_measurement(experiment):
-                    number = runs if entry_of(experiment).many_particles else 1
-                    twins[experiment.id] = [run(experiment, seed=seed + k) for k in range(number)]
+                    twins[experiment.id] = [run(experiment)]
             measured = pending.results(progress)
         measured_after = time.perf_counter() - clock
         for experiment in experiments:
@@ -186,6 +213,29 @@ def _measured_and_run(
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     seconds["measuring, beside early twins"] = measured_after
     return measured, twins, seconds
+
+
+def _side_by_side(
+    lab: Lab,
+    experiments: Sequence[Experiment],
+    store: Path,
+    settings: Mapping[str, Any],
+    seeds: range,
+    where: Runner,
+    progress: Progress,
+) -> dict[str, list[Twin]]:
+    """Twins of many particles by experiment, one for each seed; finished ones are kept in the store."""
+    options = {name: value for name, value in settings.items() if name != "threads"}  # each run has one
+    names = {one.id: [f"{one.id}, seed {seed}" for seed in seeds] for one in experiments}
+    runs = [
+        twin_run(name, one, lab.model, seed=seed, **options)
+        for one in experiments
+        for name, seed in zip(names[one.id], seeds, strict=True)
+    ]
+    done = run_all(runs, store, runner=where, progress=progress)
+    for name, why in done.failures.items():
+        raise (RigtwinError if name in done.faults else BadInput)(f"the twin of {name}: {why}")
+    return {one.id: [twin_from(done.results[name]) for name in names[one.id]] for one in experiments}
 
 
 def _imported(
@@ -337,6 +387,7 @@ def _need_takers(
     runs: int,
     stiffness_factor: float | None,
     rolling: Rolling | None,
+    cluster: str | None,
 ) -> None:
     """Raise `BadInput` for an option that applies to no twin."""
     few = not any(entry_of(one).many_particles for one in experiments)
@@ -346,6 +397,7 @@ def _need_takers(
         "--runs: no experiment has many particles": runs > 1 and few,
         "--stiffness-factor: no experiment has many particles": stiffness_factor is not None and few,
         "--rolling-model: no experiment has many particles": rolling is not None and few,
+        "--cluster: no experiment has many particles": cluster is not None and few,
     }
     for what, given in idle.items():
         if given:

@@ -10,6 +10,7 @@ import math
 import os
 import platform
 import sys
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from importlib import metadata
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
+from rigtwin.lab.errors import Claimed
 from rigtwin.lab.output_files import claimed_folder, replacing
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.version import __version__
@@ -25,6 +27,9 @@ OBSERVATION_COLUMNS = (
     "experiment", "rig", "origin", "repetition", "quantity", "method", *IDENTITY, "view",
     "value", "std_uncertainty", "unit", "doubtful",
 )  # fmt: skip
+
+PATIENCE = 10.0  # [s], far above what writing the tables and figures of a campaign takes
+POLL = 0.05  # [s], between two attempts
 
 LIBRARIES = (
     "numpy", "scipy", "pandas", "taichi", "opencv-python-headless", "scikit-image", "av", "pydantic", "pint",
@@ -43,6 +48,22 @@ def write_together(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]
             part = together.enter_context(replacing(folder / name))
             part.write_text(text, encoding="utf-8", newline="")
     return {name: folder / name for name in contents}
+
+
+def write_in_turn(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
+    """`write_together` while no other run writes there; temporary files of killed runs are removed.
+
+    Raises `Claimed` if another run writes for longer than `PATIENCE`.
+    """
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            with claimed(folder):
+                return write_together(folder, contents)
+        except Claimed:
+            if time.monotonic() > deadline:
+                raise
+            time.sleep(POLL)
 
 
 def claimed(out: Path) -> AbstractContextManager[None]:

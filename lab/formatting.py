@@ -60,11 +60,21 @@ _SHOWN = {
     "1": (1.0, ""),
     "m": (1e3, "mm"),
     "deg": (1.0, "°"),
+    "rad": (180 / math.pi, "°"),
     "kg": (1e3, "g"),
     "m/s^2": (1.0, "m/s²"),
     "kg/m^3": (1.0, "kg/m³"),
     "kg/s": (1e3, "g/s"),
 }
+
+
+def shown(unit: str) -> tuple[float, str]:
+    """Factor by which a number in this unit is multiplied to be shown, and the sign of its unit then.
+
+    >>> shown("m"), shown("s")
+    ((1000.0, 'mm'), (1.0, 's'))
+    """
+    return _SHOWN.get(unit, (1.0, unit))
 
 
 def title(quantity: str) -> str:
@@ -102,7 +112,7 @@ def reading(value: float | None, std_uncertainty: float | None, unit: str) -> st
     """
     if value is None or not math.isfinite(value):
         return "–"
-    factor, sign = _SHOWN.get(unit, (1.0, unit))
+    factor, sign = shown(unit)
     value *= factor
     space = "" if sign in ("", "°") else " "
     if std_uncertainty is None or not math.isfinite(std_uncertainty):
@@ -132,7 +142,7 @@ def uncertainty(std_uncertainty: float, unit: str) -> str:
     >>> uncertainty(0.00123, "m"), uncertainty(0.0061234, "1"), uncertainty(0.123, "m")
     ('1.2 mm', '0.0061', '120 mm')
     """
-    factor, sign = _SHOWN.get(unit, (1.0, unit))
+    factor, sign = shown(unit)
     space = "" if sign in ("", "°") else " "
     return f"{float(f'{std_uncertainty * factor:.2g}'):g}{space}{sign}"
 

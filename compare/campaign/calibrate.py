@@ -193,7 +193,7 @@ def calibrate_lab(
     }
     calibration.files.update({name: out / name for name in (*contents, "calibration.json")})
     document = result_files.document(calibration.to_json())
-    result_files.write_together(out, {**contents, "calibration.json": document})
+    result_files.write_in_turn(out, {**contents, "calibration.json": document})
     return calibration
 
 

@@ -106,7 +106,10 @@ class Campaign:
         """Runs with their results as they finish; None for a failed one."""
         while work.waiting or work.pending or work.elsewhere:
             for run in self._hand_out(work, jobs):
-                yield run, self.store.find([run])[run.name]
+                if found := self.store.find([run]):
+                    yield run, found[run.name]
+                else:  # dropped meanwhile, as by `rigtwin runs STORE drop`
+                    work.waiting.append(run)
             if not work.pending:
                 if work.elsewhere:
                     time.sleep(LOOK)

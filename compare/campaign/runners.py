@@ -93,7 +93,7 @@ def _own_process() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=start_worker)
 
 
-def runner(cluster: str | None, workers: int | None, folder: Path) -> Runner:
+def runner(cluster: str | None, workers: int | None, folder: Path, *, option: str = "--workers") -> Runner:
     """The runner by the option ``--cluster``.
 
     Parameters
@@ -105,6 +105,8 @@ def runner(cluster: str | None, workers: int | None, folder: Path) -> Runner:
         Number of processes of this machine; one for each core by default.
     folder : Path
         Folder of the store, where a batch system keeps its logs.
+    option : str
+        The option that `workers` comes from, for the refusal.
 
     Raises
     ------
@@ -114,7 +116,7 @@ def runner(cluster: str | None, workers: int | None, folder: Path) -> Runner:
     if cluster is None:
         return lambda jobs: local(jobs, workers)
     if workers is not None:
-        raise BadInput("--workers: is for this machine, and the cluster decides for itself; leave it or --cluster out.")
+        raise BadInput(f"{option}: is for this machine, and the cluster decides for itself; leave it or --cluster out.")
     name, _, rest = cluster.partition(":")
     if name == "slurm":
         parameters = _parameters(rest)

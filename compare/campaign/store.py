@@ -26,7 +26,7 @@ import numpy as np
 from rigtwin.compare.campaign.run import Result, Run, same_inputs
 from rigtwin.compare.result_files import plain
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.output_files import locked, replacing
+from rigtwin.lab.output_files import locked, remove_leftovers, replacing
 from rigtwin.lab.version import __version__
 
 if TYPE_CHECKING:
@@ -99,8 +99,9 @@ class Store:
     def close(self) -> None:
         """Give back all claims and close the ledger."""
         if self._owner.started:
-            with suppress(sqlite3.Error):
+            with suppress(BadInput), self._transaction():
                 self._ledger.execute("delete from claims where owner = ?", (self._owner.token,))
+                self._tidy()
         self._owner.end()
         self._ledger.close()
 
@@ -133,8 +134,10 @@ class Store:
 
     def claim(self, run: Run) -> Literal["ours", "theirs", "done"]:
         """Claim a run for this process, unless it has finished or another living process has claimed it."""
-        self._owner.start()
         with self._transaction():
+            if not self._owner.started:
+                self._tidy()
+                self._owner.start()
             row = self._row(run)
             if row is not None and self._result(row):
                 return "done"
@@ -222,6 +225,11 @@ class Store:
                 _one_type_each(frame).to_parquet(part, engine="pyarrow", index=False)
         return len(frame)
 
+    def _tidy(self) -> None:
+        """Remove what killed processes have left, unless another process lives; in a transaction, so none starts."""
+        if self._owner.alone():
+            remove_leftovers(self.folder / "arrays")
+
     def _row(self, run: Run) -> sqlite3.Row | None:
         with self._in_words():
             row: sqlite3.Row | None = self._ledger.execute(
@@ -308,6 +316,11 @@ class _Owner:
             self._file.close()  # before it is deleted: Windows does not delete an open file
             self._file = None
             (self._folder / self.token).unlink(missing_ok=True)
+
+    def alone(self) -> bool:
+        """Whether no other owner lives; files of dead ones are removed."""
+        tokens = [path.name for path in self._folder.iterdir()] if self._folder.is_dir() else []
+        return not [token for token in tokens if self.another_lives(token)]
 
     def another_lives(self, token: str) -> bool:
         """Whether `token` is another owner whose process has not ended."""

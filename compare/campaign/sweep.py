@@ -15,7 +15,7 @@ from rigtwin.compare.campaign.run import Done, Run
 from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.sweep_figures import figures
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import WHOLE, Design, Point, Setting, Varied, at, parse, points
+from rigtwin.compare.campaign.vary import MOST_POINTS, WHOLE, Design, Point, Setting, Varied, at, parse, points
 from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.twins.registry import entry_of
@@ -222,6 +222,11 @@ def sweep(
     if not varied:
         raise BadInput("--vary: nothing is varied; give a parameter like static_friction=0.05..1.5:8.")
     where = tuple(points(varied, design, number, seed))
+    if (whole := len(where) * repetitions) > MOST_POINTS:
+        raise BadInput(
+            f"--repetitions: {len(where)} points with {repetitions} repetitions are {whole} runs; give fewer of one of "
+            f"them, at most {MOST_POINTS} runs."
+        )
     settings = [_checked(setting, point, count) for point in where]
     names = [[f"point-{k:04d}-seed-{seed + j}" for j in range(repetitions)] for k in range(len(where))]
     options: dict[str, Any] = {"count": count, "rolling": rolling, "stiffness_factor": stiffness_factor}
@@ -242,7 +247,7 @@ def sweep(
     columns = (*(one.name for one in varied), *SIMULATED)
     written = {"sweep.csv": result_files.table(rows, columns), **drawn}
     found.files.update({name: out / name for name in (*written, "sweep.json")})
-    result_files.write_together(out, {**written, "sweep.json": result_files.document(found.to_json())})
+    result_files.write_in_turn(out, {**written, "sweep.json": result_files.document(found.to_json())})
     return found
 
 

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, svg
-from rigtwin.lab.formatting import title
+from rigtwin.lab.formatting import shown, siblings, title
 
 if TYPE_CHECKING:
     from rigtwin.compare.campaign.vary import Varied
 
 Row = Mapping[str, Any]
 
-SHOWN = {"m": (1e3, "mm"), "deg": (1.0, "°"), "1": (1.0, "")}
-"""Factor and unit in which a quantity is drawn, by its unit."""
 DARK = 0.55  # [1], relative brightness of a colour below which text on it is white
 
 
 def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dict[str, str]:
-    """SVG files by name, one for each quantity and method.
+    """SVG files by name, one for each quantity, method, and bounce, collision, body or side.
 
     Parameters
     ----------
@@ -39,36 +38,49 @@ def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dic
         With one parameter a line; with two in a grid a heat map, on which a line marks where simulated and measured are
         equal and dashed lines two standard uncertainties around it; else points over each parameter.
     """
-    groups: dict[tuple[str, str, str], list[Row]] = {}
+    groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         if row.get("simulated") is not None:
-            groups.setdefault((row["quantity"], row["method"], row["unit"]), []).append(row)
+            head = (row["quantity"], row["method"], siblings(row), row["unit"])
+            groups.setdefault(head, []).append(row)
+    draw = _map if len(varied) == 2 and grid else _lines
     drawn = {}
-    for (quantity, method, unit), mine in groups.items():
-        name = re.sub(r"[^a-z0-9]+", "-", f"{quantity}-{method}".lower()).strip("-")
-        label = f"{title(quantity)}, {method}"
-        if len(varied) == 2 and grid:
-            drawn[f"sweep-{name}.svg"] = _map(varied, mine, label, unit)
-        else:
-            drawn[f"sweep-{name}.svg"] = _lines(varied, mine, label, unit)
+    for name, (head, mine) in zip(_names(list(groups)), groups.items(), strict=True):
+        quantity, method, which, unit = head
+        label = ", ".join(words for words in (title(quantity), method, which) if words)
+        drawn[f"sweep-{name}.svg"] = draw(varied, mine, label, unit)
     return drawn
 
 
+def _names(heads: Sequence[Sequence[str]]) -> list[str]:
+    """A name for each figure: quantity and method, and as much of the rest as makes it another than the others."""
+    names = [_slug(head[:2]) for head in heads]
+    for parts in (3, 4):
+        often = Counter(names)
+        names = [_slug(head[:parts]) if often[name] > 1 else name for head, name in zip(heads, names, strict=True)]
+    return [f"{name}-{names[:k].count(name) + 1}" if name in names[:k] else name for k, name in enumerate(names)]
+
+
+def _slug(words: Sequence[str]) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", "-".join(words).lower()).strip("-")
+
+
 def _lines(varied: Sequence[Varied], rows: Sequence[Row], label: str, unit: str) -> str:
-    factor, shown = SHOWN.get(unit, (1.0, unit))
+    factor, sign = shown(unit)
     with canvas() as (figure, _):
         figure.clear()
         panels = figure.subplots(1, len(varied), sharey=True, squeeze=False)[0]
         for parameter, panel in zip(varied, panels, strict=True):
-            x = np.array([row[parameter.name] for row in rows])
+            scale, _ = shown(parameter.unit)
+            x = scale * np.array([row[parameter.name] for row in rows])
             y = factor * np.array([row["simulated"] for row in rows])
             spread = factor * np.array([row["simulated_std"] or 0.0 for row in rows])
             order = np.argsort(x)
             style = "o-" if len(varied) == 1 else "o"
             panel.errorbar(x[order], y[order], spread[order], fmt=style, ms=4, capsize=3, color=TWIN, label="twin")
             _band(panel, rows, factor)
-            panel.set(xlabel=parameter.name.replace("_", " "))
-        panels[0].set(ylabel=f"{label} / {shown}" if shown else label)
+            panel.set(xlabel=_axis(parameter))
+        panels[0].set(ylabel=_with_unit(label, sign))
         panels[0].legend(loc="best")
         return svg(figure, label)
 
@@ -91,7 +103,7 @@ def _measured(rows: Sequence[Row]) -> tuple[float | None, float]:
 def _map(varied: Sequence[Varied], rows: Sequence[Row], label: str, unit: str) -> str:
     """A heat map of the simulated values; the first parameter runs downwards, as in tables 4 to 6 of the paper."""
     down, across = varied
-    factor, shown = SHOWN.get(unit, (1.0, unit))
+    factor, sign = shown(unit)
     values = np.full((len(down.grid), len(across.grid)), np.nan)
     for row in rows:
         values[_level(down, row), _level(across, row)] = factor * row["simulated"]
@@ -110,11 +122,24 @@ def _map(varied: Sequence[Varied], rows: Sequence[Row], label: str, unit: str) -
                 at = factor * (measured + level * uncertainty)
                 if values.min() < at < values.max():
                     axes.contour(values, levels=[at], colors="#d55e00", linestyles=style)
-        axes.set(xlabel=across.name.replace("_", " "), ylabel=down.name.replace("_", " "))
-        axes.set_xticks(range(len(across.grid)), [f"{value:.3g}" for value in across.grid])
-        axes.set_yticks(range(len(down.grid)), [f"{value:.3g}" for value in down.grid])
-        figure.colorbar(picture, label=f"{label} / {shown}" if shown else label)
+        axes.set(xlabel=_axis(across), ylabel=_axis(down))
+        axes.set_xticks(range(len(across.grid)), _ticks(across))
+        axes.set_yticks(range(len(down.grid)), _ticks(down))
+        figure.colorbar(picture, label=_with_unit(label, sign))
         return svg(figure, label)
+
+
+def _axis(parameter: Varied) -> str:
+    return _with_unit(parameter.name.replace("_", " "), shown(parameter.unit)[1])
+
+
+def _ticks(parameter: Varied) -> list[str]:
+    factor, _ = shown(parameter.unit)
+    return [f"{factor * value:.4g}" for value in parameter.grid]
+
+
+def _with_unit(words: str, sign: str) -> str:
+    return f"{words} / {sign}" if sign else words
 
 
 def _level(varied: Varied, row: Row) -> int:

@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigtwin.compare.campaign.run import Result, Run
+from rigtwin.compare.deviation import over_views
 from rigtwin.compare.twins.few_body import FRAME_RATE
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.compare.twins.registry import entry_of
+from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.materials import KnownContact, Material, Particle
-from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.quantity import Check, Evaluation, Quantity
+from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import SETTINGS
 
 if TYPE_CHECKING:
@@ -60,8 +63,8 @@ def twin_run(
     Returns
     -------
     Run
-        Its result has ``quantities``, ``warnings``, ``profile_N_x``, ``profile_N_height`` [m] and, for each series,
-        ``QUANTITY_time`` [s] and ``QUANTITY_value``.
+        Its result has ``quantities``, ``checks``, ``warnings``, ``settings``, ``profile_N_x``, ``profile_N_height``,
+        ``profile_N_sigma`` [m] and, for each series, ``QUANTITY_time`` [s] and ``QUANTITY_value``.
     """
     needs = entry_of(experiment).needs
     contacts = [
@@ -100,8 +103,6 @@ def simulate(
     """Run the twin that `twin_run` describes, on one thread."""
     from pydantic import TypeAdapter
 
-    from rigtwin.compare.deviation import over_views
-
     experiment = Experiment(
         "twin",
         SETTINGS[rig](**rig_settings),
@@ -123,25 +124,74 @@ def simulate(
         rolling=rolling,
         stiffness_factor=stiffness_factor,
     )
+    return _result_of(twin)
+
+
+def _result_of(twin: Twin) -> Result:
     found: Result = {
-        "quantities": [asdict(quantity) for quantity in over_views(twin.evaluation.quantities)],
+        "rig": twin.rig,
+        "quantities": [asdict(quantity) for quantity in twin.evaluation.quantities],
+        "checks": [asdict(check) for check in twin.evaluation.checks],
         "warnings": [*twin.warnings, *twin.evaluation.warnings],
+        "settings": twin.settings,
+        "assumptions": list(twin.assumptions),
+        "profiles": [{"base": profile.base, "view": profile.view} for profile in twin.profiles],
+        "series": [{"quantity": series.quantity, "unit": series.unit} for series in twin.series],
         "wall_s": twin.seconds,
     }
     for number, profile in enumerate(twin.profiles, start=1):
-        found |= {
-            f"profile_{number}_x": np.asarray(profile.x),
-            f"profile_{number}_height": np.asarray(profile.height),
-        }
+        for name in ("x", "height", "sigma"):
+            found[f"profile_{number}_{name}"] = np.asarray(getattr(profile, name))
     for series in twin.series:
         found |= {f"{series.quantity}_time": np.asarray(series.time), f"{series.quantity}_value": series.value}
     return found
 
 
+def twin_from(result: Result) -> Twin:
+    """The twin of many particles that gave this result, without its picture and the surfaces over time."""
+    checks = tuple(
+        Check(**{**one, "value": _number(one["value"]), "expected": _number(one["expected"])})
+        for one in result["checks"]
+    )
+    profiles = tuple(
+        Profile(
+            result[f"profile_{number}_x"],
+            result[f"profile_{number}_height"],
+            result[f"profile_{number}_sigma"],
+            base=None if one["base"] is None else tuple(one["base"]),
+            view=one["view"],
+        )
+        for number, one in enumerate(result["profiles"], start=1)
+    )
+    series = tuple(
+        Series(result[f"{one['quantity']}_time"], result[f"{one['quantity']}_value"], **one) for one in result["series"]
+    )
+    return Twin(
+        result["rig"],
+        Evaluation(tuple(_quantities(result)), checks),
+        result["settings"],
+        profiles=profiles,
+        series=series,
+        assumptions=tuple(result["assumptions"]),
+        warnings=tuple(result["warnings"]),
+        seconds=result["wall_s"],
+    )
+
+
 def quantities_of(result: Result) -> list[Quantity]:
-    """The quantities of a finished twin; a value that is not known is NaN."""
+    """The quantities of a finished twin, the views of each combined; a value that is not known is NaN."""
+    return over_views(_quantities(result))
+
+
+def _quantities(result: Result) -> list[Quantity]:
     found = []
     for item in result["quantities"]:
-        numbers = {name: float("nan") if item[name] is None else item[name] for name in ("value", "std_uncertainty")}
-        found.append(Quantity(**{**item, **numbers}))
+        numbers = {name: _number(item[name]) for name in ("value", "std_uncertainty")}
+        budget = {part: _number(value) for part, value in item["budget"].items()}
+        found.append(Quantity(**{**item, **numbers, "budget": budget}))
     return found
+
+
+def _number(value: float | None) -> float:
+    """The number; JSON has none that is not finite."""
+    return float("nan") if value is None else value

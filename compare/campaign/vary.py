@@ -10,13 +10,14 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_hints
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.schema import ExperimentEntry, suggestion
+from rigtwin.lab.file.schema import ExperimentEntry, InSi, suggestion
 from rigtwin.lab.materials import PARAMETERS, Particle, clumped
-from rigtwin.lab.units import si
+from rigtwin.lab.units import DIMENSIONS, si
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.file.model_file import Model
+    from rigtwin.sim.effects.effect import Parameter
 
 Design = Literal["grid", "sobol", "latin"]
 Point = Mapping[str, float]
@@ -51,11 +52,14 @@ class Varied:
         Values in SI; of a range the lowest and the highest.
     levels : int or None
         Number of levels of a range in a grid; None for a list of values.
+    unit : str
+        SI unit of the values.
     """
 
     name: str
     values: tuple[float, ...]
     levels: int | None
+    unit: str = "1"
 
     @property
     def grid(self) -> tuple[float, ...]:
@@ -83,10 +87,11 @@ def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varie
             f"{option}: a {experiment.rig_name} has no parameter {name!r} that can be varied; "
             f"{suggestion(name, known)}."
         )
+    unit = _unit(name, experiment, option)
     low, dots, rest = said.partition("..")
     if not dots:
         values = tuple(_value(name, item.strip(), experiment, option) for item in said.split(","))
-        return Varied(name, values, None)
+        return Varied(name, values, None, unit)
     high, colon, levels = rest.partition(":")
     if colon and not (levels.strip().isdecimal() and int(levels) >= 2):
         raise BadInput(f"{option}: {name} has {levels!r} levels; give a whole number of at least 2.")
@@ -95,7 +100,7 @@ def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varie
     ends = _value(name, low.strip(), experiment, option), _value(name, high.strip(), experiment, option)
     if not ends[0] < ends[1]:
         raise BadInput(f"{option}: {name} goes from {low.strip()} to {high.strip()}; give the lower value first.")
-    return Varied(name, ends, int(levels) if colon else LEVELS)
+    return Varied(name, ends, int(levels) if colon else LEVELS, unit)
 
 
 def applies(name: str, experiment: Experiment) -> bool:
@@ -164,6 +169,8 @@ def points(varied: Sequence[Varied], design: Design, number: int | None, seed: i
         return [_point(varied, values) for values in itertools.product(*grids)]
     if number is None:
         raise BadInput(f"--points: a {design} design needs their number.")
+    if number > MOST_POINTS:
+        raise BadInput(f"--points: {number} points; give at most {MOST_POINTS}.")
     if listed := [one.name for one in varied if one.levels is None]:
         raise BadInput(f"--vary: {listed[0]} is a list of values; a {design} design needs a range like 0.1..0.5.")
     from scipy.stats import qmc
@@ -234,10 +241,24 @@ def _entry_hints(rig: str) -> dict[str, Any]:
     return get_type_hints(kinds[rig], include_extras=True)
 
 
+def _unit(name: str, experiment: Experiment, option: str) -> str:
+    """SI unit of a parameter."""
+    if "." in name:
+        return _of_effect(name, option).unit
+    if of_contact(name) in PARAMETERS:
+        return "1"
+    if name in OF_PARTICLE:
+        return DIMENSIONS[OF_PARTICLE[name]][0]
+    hint = _entry_hints(experiment.rig_name)[name]
+    kinds = (hint, *get_args(hint))  # of an optional key the first of its arguments
+    read = [one for kind in kinds for one in getattr(kind, "__metadata__", ()) if isinstance(one, InSi)]
+    return DIMENSIONS[read[0].dimension][0] if read else "1"
+
+
 def _value(name: str, text: str, experiment: Experiment, option: str) -> float:
     """A value of a parameter in SI."""
     if "." in name:
-        return _of_effect(name, text, option)
+        return si(text, "number", name=f"{option} {name}")
     if of_contact(name) in PARAMETERS or name in OF_PARTICLE:
         value = si(text, OF_PARTICLE.get(name, "number"), name=f"{option} {name}")
         zero_is_possible = of_contact(name).endswith("friction")
@@ -253,11 +274,11 @@ def _value(name: str, text: str, experiment: Experiment, option: str) -> float:
         raise BadInput(f"{option}: {name}: {str(error.errors()[0]['msg']).removeprefix('Value error, ')}") from None
 
 
-def _of_effect(name: str, text: str, option: str) -> float:
+def _of_effect(name: str, option: str) -> Parameter:
     from rigtwin.sim.effects import named
 
     effect, _, parameter = name.partition(".")
-    known = [one.name for one in named(effect).parameters]
+    known = {one.name: one for one in named(effect).parameters}
     if parameter not in known:
         raise BadInput(f"{option}: {effect} has no parameter {parameter!r}; {suggestion(parameter, known)}.")
-    return si(text, "number", name=f"{option} {name}")
+    return known[parameter]

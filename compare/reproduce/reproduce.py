@@ -240,7 +240,7 @@ def reproduce(
         "report.html": page(reproduction, "reproduction.html"),
         "reproduction.md": page(reproduction, "reproduction.md"),
     }
-    result_files.write_together(out, contents)
+    result_files.write_in_turn(out, contents)
     return reproduction
 
 

@@ -11,6 +11,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
@@ -104,14 +105,21 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     )
 
 
-def _edge(parse: Callable[[Any], Any]) -> PlainValidator:
+@dataclass(frozen=True)
+class InSi(PlainValidator):
+    """Reads a quantity of a dimension of `rigtwin.lab.units`."""
+
+    dimension: str = "number"
+
+
+def _edge(parse: Callable[[Any], Any], kind: Callable[..., PlainValidator] = PlainValidator) -> PlainValidator:
     def check(value: Any) -> Any:
         try:
             return parse(value)
         except BadInput as error:
             raise ValueError(str(error).removeprefix("value: ")) from None
 
-    return PlainValidator(check)
+    return kind(check)
 
 
 def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.inf, *, open_low: bool = True) -> Any:
@@ -126,7 +134,7 @@ def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.i
             raise BadInput(f"{value!r} is out of range; it must be {limits}{hint}.")
         return number
 
-    return _edge(parse)
+    return _edge(parse, partial(InSi, dimension=dimension))
 
 
 def _limits(lowest: float, highest: float, open_low: bool) -> str:

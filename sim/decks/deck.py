@@ -31,6 +31,7 @@ TITLES: dict[Code, str] = {"liggghts": "LIGGGHTS", "lammps": "LAMMPS", "yade": "
 RIGS: dict[str, type[BulkRig]] = {"packing": Packing, "pile": Pile, "drum": Drum, "hopper": Hopper}
 DESCRIPTION, RECORD, END = "deck.json", "record.dump", "end.dump"
 SECTORS = 96  # of a round wall of triangles: at 50 mm radius they deviate from it by 0.03 mm
+SLENDER = 200  # [1], longest over shortest side of a triangle; LIGGGHTS 3.8 stops at about 225 (0.256 degrees)
 LOAD = 10  # [weights of a bead], at which a constant rolling stiffness equals type C's, as deep in a small bed
 
 
@@ -182,7 +183,7 @@ def triangles(shape: Shape) -> Array:
     """Triangles [m] of a wall, shape (n, 3 corners, 3).
 
     A circle becomes a polygon of equal area.  A disc is cut into strips and not into sectors: a bead on its middle
-    would touch all of these at once.
+    would touch all of these at once.  A slender tube is cut into rings.
     """
     from rigtwin.sim.engine.walls import elements
 
@@ -198,11 +199,16 @@ def triangles(shape: Shape) -> Array:
     circle = math.sqrt(2 * math.pi / SECTORS / math.sin(2 * math.pi / SECTORS)) * (
         np.cos(angle) * one + np.sin(angle) * other
     )
-    low, high = point + radius * circle, point + height * axis + far_radius * circle
     if height == 0 and radius == 0:
+        rim = point + far_radius * circle
         order = [k // 2 if k % 2 == 0 else SECTORS - 1 - k // 2 for k in range(SECTORS)]
-        return np.stack([high[order[:-2]], high[order[1:-1]], high[order[2:]]], axis=1)
-    low_next, high_next = np.roll(low, -1, axis=0), np.roll(high, -1, axis=0)
+        return np.stack([rim[order[:-2]], rim[order[1:-1]], rim[order[2:]]], axis=1)
+    side = 2 * math.pi / SECTORS * min(radius, far_radius)
+    rings = max(1, math.ceil(abs(height) / (SLENDER * side))) if side else 1
+    share = np.linspace(0, 1, rings + 1)[:, None, None]
+    levels = point + share * height * axis + (radius + share * (far_radius - radius)) * circle
+    low, high = levels[:-1].reshape(-1, 3), levels[1:].reshape(-1, 3)
+    low_next, high_next = (np.roll(levels, -1, axis=1)[part].reshape(-1, 3) for part in (slice(-1), slice(1, None)))
     return np.concatenate([np.stack([low, low_next, high], 1), np.stack([low_next, high_next, high], 1)])
 
 

@@ -18,8 +18,10 @@ import cv2
 import numpy as np
 import pytest
 
+from rigtwin.cli import run
 from rigtwin.compare import compare_lab as subject_compare_lab
 from rigtwin.compare import comparison as subject
+from rigtwin.compare.campaign.store import Store
 from rigtwin.compare.compare_lab import compare
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.result_files import document, write_together
@@ -419,9 +421,7 @@ def test_an_interrupted_comparison_does_not_wait_for_its_measuring_processes(lab
 
 @pytest.mark.usefixtures("in_this_process")
 def test_an_interrupted_comparison_continues_with_its_kept_twins(tmp_path):
-    (tmp_path / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
-    bare = BARE.replace("clip.avi", "bed.csv").replace("steel", "PMMA")
-    (tmp_path / "lab.toml").write_text(bare + "rig='packing'\ncylinder_diameter='30 mm'\ncount=80")
+    bed_lab(tmp_path)
 
     def impatient(what, _done, _whole):
         if what == "settling":
@@ -447,6 +447,83 @@ def test_an_interrupted_comparison_continues_with_its_kept_twins(tmp_path):
     again = compare(tmp_path, out, workers=1, threads=1)
     assert [q.value for q in again.outcomes[0].twin.evaluation.quantities] == values[0]
     assert [path.name for path in (out / "unfinished").iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_several_runs_of_a_twin_are_kept_and_an_interrupted_comparison_continues(tmp_path, monkeypatch):
+    lab, out = bed_lab(tmp_path), tmp_path / "out"
+
+    def impatient(what, done, _whole):
+        if what == "running" and done:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stop:
+        compare(lab, out, impatient, workers=1, runs=3)
+    assert stop.value.__notes__ == [f"1 of 3 runs are kept in {out / 'runs'}; the same command runs the others."]
+    with Store(out / "runs", create=False) as store:
+        (first,) = store.rows()
+    found = compare(lab, out, workers=1, runs=3)
+    with Store(out / "runs", create=False) as store:
+        rows = store.rows()
+    assert len(rows) == 3
+    assert first.finished == rows[0].finished
+
+    (experiment,) = read_lab(lab).experiments
+    model = read_lab(lab).model
+    alone = [twin_of(experiment, model=model, seed=seed, threads=1) for seed in (1, 2, 3)]
+    (outcome,) = found.outcomes
+    for kept, twin in zip(outcome.twins, alone, strict=True):
+        assert document(untimed(kept.to_json())) == document(untimed(twin.to_json()))
+    assert outcome.shapes[0].row("one")["simulated_n"] == sum(len(twin.profiles) for twin in alone)
+
+    tables = [(out / name).read_bytes() for name in ("deviations.csv", "observations.csv")]
+    monkeypatch.setattr("rigtwin.compare.campaign.runners.spawned", lambda *_: pytest.fail("a twin was run"))
+    compare(lab, out, workers=1, runs=3)
+    assert [(out / name).read_bytes() for name in ("deviations.csv", "observations.csv")] == tables
+
+
+def bed_lab(folder):
+    (folder / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
+    bare = BARE.replace("clip.avi", "bed.csv").replace("steel", "PMMA")
+    (folder / "lab.toml").write_text(bare + "rig='packing'\ncylinder_diameter='30 mm'\ncount=80")
+    return folder
+
+
+def untimed(settings):
+    """Settings without what depends on the speed of the machine."""
+    return {
+        name: untimed(value) if isinstance(value, dict) else value
+        for name, value in settings.items()
+        if "second" not in name
+    }
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_run_of_several_that_fails_is_named(tmp_path, capsys):
+    lab = bed_lab(tmp_path)
+    (lab / "lab.toml").write_text((lab / "lab.toml").read_text().replace("count=80", "count=3"))
+    assert run(["compare", str(lab), "--runs", "2"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "the twin of one, seed 1: a count of 3 makes no bed" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--cluster", "tcp://host:8786", "--threads", "2"], "--threads: is for this machine"),
+        (["--cluster", "abc"], "--cluster: 'abc' is neither"),
+    ],
+)
+def test_a_cluster_that_cannot_be_used_is_refused_before_anything_is_written(tmp_path, capsys, options, words):
+    assert run(["compare", str(bed_lab(tmp_path)), *options]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_cluster_without_twins_of_many_particles_is_refused(lab, capsys):
+    assert run(["compare", str(lab), "--cluster", "tcp://host:8786"]) == 2
+    assert "--cluster: no experiment has many particles (pair/1)" in capsys.readouterr().err
 
 
 def test_ids_that_make_no_folder_names_still_get_folders_of_their_own(lab):

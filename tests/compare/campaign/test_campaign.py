@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 
+from rigtwin.cli import run as run_command
 from rigtwin.compare.campaign.campaign import Campaign, run_all
 from rigtwin.compare.campaign.run import Run
 from rigtwin.compare.campaign.store import Store
@@ -126,6 +127,24 @@ def test_a_run_that_another_process_has_claimed_is_awaited_and_taken_over_when_t
     assert not list((tmp_path / "owners").iterdir())
 
 
+def test_what_killed_processes_leave_is_removed_by_the_next_process_that_is_alone(tmp_path):
+    with Store(tmp_path) as store:
+        store.keep(number(1), {"heights": np.arange(3)}, 0.1)
+    (kept_file,) = (tmp_path / "arrays").iterdir()
+    left = tmp_path / "arrays" / "0123456789.npz.0a1b2c3d.part"
+    killed = claim_elsewhere(tmp_path, 7)
+    left.write_bytes(b"half of a file")
+    with Store(tmp_path) as store:
+        assert store.claim(number(8)) == "ours"
+        assert left.exists()  # it may be of the process that lives
+    killed.kill()
+    killed.wait()
+    with Store(tmp_path) as store:
+        assert store.claim(number(8)) == "ours"
+        assert list((tmp_path / "arrays").iterdir()) == [kept_file]
+        assert len(list((tmp_path / "owners").iterdir())) == 1
+
+
 def claim_elsewhere(folder, value):
     """Another process that claims ``number(value)`` and holds the claim."""
     script = (
@@ -138,6 +157,25 @@ def claim_elsewhere(folder, value):
     assert holder.stdout.readline() == b"ours\n"
     holder.stdout.close()
     return holder
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_run_that_another_process_finishes_and_then_drops_is_computed_again(tmp_path):
+    class Fleeting(Store):
+        dropped = 0
+
+        def claim(self, run):
+            if not self.dropped:
+                self.keep(run, {"number": 0}, 0.1)
+            said = super().claim(run)
+            if said == "done":
+                assert run_command(["runs", str(tmp_path), "drop", run.name, "--quiet"]) == 0
+                self.dropped += 1
+            return said
+
+    with Fleeting(tmp_path) as store, Campaign(store) as campaign:
+        assert campaign.results([number(7)]).results == {"number-7": {"number": 7}}
+        assert (store.dropped, campaign.computed) == (1, 1)
 
 
 def test_two_processes_on_one_store_run_nothing_twice(tmp_path):

@@ -3,13 +3,18 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from rigtwin.cli import run
+from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.sweep import stated_setting
-from rigtwin.compare.campaign.twin_runs import quantities_of, simulate, twin_run
+from rigtwin.compare.campaign.sweep_figures import figures
+from rigtwin.compare.campaign.twin_runs import quantities_of, twin_from, twin_run
 from rigtwin.compare.campaign.vary import at, parse, points
+from rigtwin.compare.deviation import over_views
+from rigtwin.compare.result_files import claimed
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
@@ -22,16 +27,27 @@ def bed():
     return stated_setting("packing", ["cylinder_diameter=40mm", "count=120"], particle="D6", wall="PMMA")
 
 
-def test_a_twin_as_a_run_gives_what_the_twin_itself_gives(bed):
-    experiment, model = bed
-    one = twin_run("one", experiment, model, seed=3)
-    result = simulate(**json.loads(json.dumps(one.settings)))
-    twin = twin_of(experiment, model=model, seed=3, threads=1)
-    known = {(q.quantity, q.method): q.value for q in twin.evaluation.quantities if "view" not in q.detail}
-    found = {(q.quantity, q.method): q.value for q in quantities_of(result)}
-    assert known
-    assert {key: found[key] for key in known} == known
-    assert len(result["profile_1_x"]) == len(result["profile_1_height"]) > 10
+@pytest.mark.parametrize(
+    ("rig", "stated"),
+    [
+        ("packing", ["cylinder_diameter=40mm", "count=120"]),
+        ("drum", ["drum_diameter=50mm", "depth=20mm", "fill=0.4", "speed=60rpm"]),
+    ],
+)
+@pytest.mark.usefixtures("in_this_process")
+def test_a_twin_as_a_run_gives_what_the_twin_itself_gives(rig, stated, tmp_path):
+    experiment, model = stated_setting(rig, stated, particle="D6", wall="PMMA")
+    run_all([twin_run("one", experiment, model, seed=3)], tmp_path)
+    kept = run_all([twin_run("one", experiment, model, seed=3)], tmp_path, only_kept=True).results["one"]
+    twin, same = twin_of(experiment, model=model, seed=3, threads=1), twin_from(kept)
+    assert same.evaluation.quantities == twin.evaluation.quantities
+    assert [one.to_json() for one in same.evaluation.checks] == [one.to_json() for one in twin.evaluation.checks]
+    assert quantities_of(kept) == over_views(twin.evaluation.quantities)
+    for mine, theirs in zip((*same.profiles, *same.series), (*twin.profiles, *twin.series), strict=True):
+        for name, value in vars(theirs).items():
+            np.testing.assert_array_equal(getattr(mine, name), value)
+    assert same.assumptions == twin.assumptions
+    assert len(same.profiles[0].x) > 10
 
 
 def test_each_setting_that_decides_a_twin_makes_another_run(bed):
@@ -95,8 +111,70 @@ def test_a_grid_has_all_combinations_and_a_space_filling_design_fills_the_ranges
         assert sorted((found["density"] - 500) // 25) == list(range(16)), design
     with pytest.raises(BadInput, match="needs a range"):
         points(varied, "sobol", 4, 1)
+    with pytest.raises(BadInput, match="20000 points; give at most 10000"):
+        points(ranges, "sobol", 20000, 1)
     with pytest.raises(BadInput, match="needs their number"):
         points(ranges, "latin", None, 1)
+
+
+@pytest.mark.parametrize(
+    ("rig", "stated", "text", "label", "ticks"),
+    [
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "cylinder_diameter=30mm,45mm", "cylinder diameter / mm", 45),
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "density=500,900", "density / kg/m³", 900),
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "count=30,40", "count", 40),
+        ("drum", ["drum_diameter=140mm", "speed=3rpm"], "speed=3rpm,6rpm", "speed / rad/s", 0.6283),
+        ("packing", ["cylinder_diameter=40mm", "count=9"], "wall_static_friction=0.1,0.2", "wall static friction", 0.2),
+        (
+            "packing",
+            ["cylinder_diameter=40mm", "count=9"],
+            "cohesion_sjkr.energy_density=1e3,2e3",
+            "cohesion sjkr.energy density / J/m^3",
+            2000,
+        ),
+    ],
+)
+def test_axes_of_figures_have_units(rig, stated, text, label, ticks):
+    experiment = stated_setting(rig, stated, particle="D6", wall="PMMA").experiment
+    first, second = parse(text, experiment), parse("static_friction=0.2,0.4", experiment)
+    places = points([first, second], "grid", None, 1)
+    rows = [{**place, **drawn_row("bed_height", unit="m", simulated=0.02 + k / 1e3)} for k, place in enumerate(places)]
+    (heat_map,) = figures([first, second], rows, grid=True).values()
+    (panels,) = figures([first, second], rows, grid=False).values()
+    for drawing in (heat_map, panels):
+        assert f">{label}<" in drawing
+        assert ">Bed height, tops / mm<" in drawing
+        assert ">static friction<" in drawing
+    assert f">{ticks}<" in heat_map
+
+
+def drawn_row(quantity, method="tops", unit="1", simulated=0.5, **more):
+    return {"quantity": quantity, "method": method, "unit": unit, "simulated": simulated, "simulated_std": None, **more}
+
+
+def test_each_figure_has_a_name_of_its_own(bed):
+    varied = [parse("static_friction=0.2,0.4", bed.experiment)]
+    rows = [
+        {"static_friction": 0.2, **row}
+        for row in (
+            drawn_row("bed_height", "line, 10-90 %"),
+            drawn_row("restitution_wall", "height", bounce=1),
+            drawn_row("restitution_wall", "height", bounce=2),
+            drawn_row("mass_flow", unit="kg/s"),
+            drawn_row("mass_flow", unit="1/s"),
+            drawn_row("share", "5%"),
+            drawn_row("share", "5"),
+        )
+    ]
+    assert list(figures(varied, rows, grid=True)) == [
+        "sweep-bed-height-line-10-90.svg",
+        "sweep-restitution-wall-height-bounce-1.svg",
+        "sweep-restitution-wall-height-bounce-2.svg",
+        "sweep-mass-flow-tops-kg-s.svg",
+        "sweep-mass-flow-tops-1-s.svg",
+        "sweep-share-5-1.svg",
+        "sweep-share-5-1-2.svg",
+    ]
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -115,6 +193,21 @@ def test_a_sweep_of_a_rig_writes_a_table_and_a_heat_map_and_runs_nothing_twice(t
     monkeypatch.setattr("rigtwin.compare.campaign.runners.spawned", lambda *_: pytest.fail("something was run"))
     assert run(["sweep", "packing", *BED, *vary, "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out)["runs"] == 4
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_sweep_waits_for_another_that_writes_and_removes_what_a_killed_one_left(tmp_path, capsys, monkeypatch):
+    words = ["sweep", "drop", "--set", "drop_height=0.2m", "--vary", "wall_restitution=0.4,0.8", "--out", str(tmp_path)]
+    left = tmp_path / "sweep.csv.0a1b2c3d.part"
+    with claimed(tmp_path):
+        left.write_text("static_fric")
+        monkeypatch.setattr("rigtwin.compare.result_files.PATIENCE", 0.1)
+        assert run(words) == 2
+        assert "another run of rigtwin is writing into it" in capsys.readouterr().err
+        assert left.exists()
+    assert run(words) == 0
+    assert not left.exists()
+    assert (tmp_path / "sweep.csv").is_file()
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -149,6 +242,10 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(tmp_path, capsys):
         (["sweep", "nolab", "--vary", "count=5,6"], "no such file"),
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--cluster", "abc"], "neither the address"),
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--vary", "count=7,8"], "given twice"),
+        (
+            ["sweep", "packing", *BED, "--vary", "static_friction=0.1..0.5:101", "--repetitions", "100"],
+            "101 points with 100 repetitions are 10100 runs; give fewer of one of them, at most 10000 runs.",
+        ),
     ):
         assert run([*arguments, *out]) == 2, why
         assert why in capsys.readouterr().err

@@ -98,6 +98,16 @@ def test_round_walls_of_triangles_have_the_area_of_the_circle():
     assert {round(y, 9) for y in tube[:, 1]} == {-0.01, 0.01}
 
 
+@pytest.mark.parametrize("height", [0.3, 0.7, 3.0])
+def test_a_slender_tube_is_cut_into_rings_because_liggghts_refuses_angles_below_a_quarter_of_a_degree(height):
+    corners = triangles(Cylinder((0, 0, 0), (0, 0, 1), 0.015, height))
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    smallest = 2 * areas / (sides.max(axis=1) * np.sort(sides, axis=1)[:, 1])  # sine of the angle between the longest
+    assert np.degrees(np.arcsin(smallest)).min() > 0.256
+    assert areas.sum() == pytest.approx(2 * math.pi * 0.015 * height, rel=1e-3)
+
+
 def test_rolling_friction_is_doubled_among_beads_where_the_effective_radius_counts():
     made = deck("lammps", "pile")
     text = made.files()["in.lammps"]
