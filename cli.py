@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import typer
 
 from rigtwin.commands import calibrate as calibrating
-from rigtwin.commands import decks, labs, measure, runs, simulate
+from rigtwin.commands import decks, doctor, labs, measure, runs, simulate
 from rigtwin.commands import sweep as sweeping
 from rigtwin.commands.display import print_json, show_comparison, show_reproduction
 from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
@@ -116,6 +116,7 @@ app.command(epilog="Example: rigtwin calibrate my-lab --fit static_friction --ho
 app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
 
 
+app.command(epilog="Example: rigtwin doctor --json")(doctor.doctor)
 app.command(epilog="Example: rigtwin runs out/reproduce/hlosta2020 export runs.parquet")(runs.runs)
 app.add_typer(decks.app, name="export")
 app.command("import", epilog="Example: rigtwin import out/liggghts-pile")(decks.import_deck)
