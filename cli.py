@@ -17,9 +17,15 @@ from typing import Annotated, Literal
 import typer
 
 from rigtwin.commands import calibrate as calibrating
-from rigtwin.commands import decks, doctor, labs, measure, runs, simulate
+from rigtwin.commands import decks, doctor, labs, log_file, measure, runs, simulate
 from rigtwin.commands import sweep as sweeping
-from rigtwin.commands.display import print_json, show_comparison, show_reproduction
+from rigtwin.commands.display import (
+    comparison_warnings,
+    print_json,
+    reproduction_warnings,
+    show_comparison,
+    show_reproduction,
+)
 from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
@@ -69,7 +75,7 @@ def _rigtwin(
 
 
 @app.command(epilog="Example: rigtwin demo --out out/demo")
-@finished(show_comparison)
+@finished(show_comparison, comparison_warnings)
 def demo(*, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, runs: Runs = 1, threads: Threads = None) -> Work:
     """Measure the sample media, run their twins, write a report."""
     from rigtwin.lab.errors import BadInput
@@ -123,7 +129,7 @@ app.command("import", epilog="Example: rigtwin import out/liggghts-pile")(decks.
 
 
 @app.command(epilog="Example: rigtwin reproduce hlosta2020 --table 14 --repetitions 3")
-@finished(show_reproduction)
+@finished(show_reproduction, reproduction_warnings)
 def reproduce(
     reference: Annotated[Literal["hlosta2020"], typer.Argument(help="The published tables: hlosta2020.")],
     *,
@@ -179,6 +185,12 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code; every error becomes one sentence, or one JSON document."""
+    code = _run(arguments)
+    log_file.end(code)
+    return code
+
+
+def _run(arguments: list[str]) -> int:
     as_json = "--json" in arguments
     try:
         code = app(arguments, prog_name="rigtwin", standalone_mode=False)
@@ -217,7 +229,7 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
     if isinstance(error, Interrupted):
         return _fail("interrupted", str(error), error.exit_code, as_json)
     if isinstance(error, RigtwinError):
-        return _fail(type(error).__name__, str(error), error.exit_code, as_json)
+        return _fail(type(error).__name__, str(error), error.exit_code, as_json, error)
     number = getattr(error, "errno", None)
     if isinstance(error, MemoryError) or number == errno.ENOMEM:
         return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
@@ -235,11 +247,12 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
         return _fail("file", f"{where}{reason}; {advice}.", 2, as_json)
     reason = f"{type(error).__name__}: {error}".splitlines()[0]
     message = f"a fault of rigtwin itself ({reason}); set RIGTWIN_DEBUG=1 and run again to see the traceback."
-    return _fail("fault", message, 1, as_json)
+    return _fail("fault", message, 1, as_json, error)
 
 
-def _fail(kind: str, message: str, code: int, as_json: bool) -> int:
+def _fail(kind: str, message: str, code: int, as_json: bool, error: Exception | None = None) -> int:
     sentence = " ".join(message.split())
+    log_file.failure(sentence, code, error)
     if as_json:
         print_json({"error": {"type": kind, "message": sentence, "exit_code": code}})
     else:

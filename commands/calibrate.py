@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,7 +58,7 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
     typer.echo(f"{found.runs} runs; {found.stopped}; wrote {found.files['calibration.json'].parent}")
 
 
-@finished(show)
+@finished(show, attrgetter("remarks"))
 def calibrate(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
     *,
