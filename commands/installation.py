@@ -111,7 +111,7 @@ def _engine_and_media() -> Iterator[Finding]:
     """The engine runs in a process of its own: if a library ends it, the other checks go on; so they do meanwhile."""
     from rigtwin.compare.worker_processes import interrupts_held, spawned
 
-    with spawned(1) as pool:
+    with spawned(1, work="ran Taichi", less=REINSTALL) as pool:
         with interrupts_held():
             engine = pool.submit(_engine)
         yield from _in_words("film", _film)

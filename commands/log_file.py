@@ -49,7 +49,7 @@ class _File(logging.FileHandler):
 class _Lines(logging.Formatter):
     def formatTime(self, record: logging.LogRecord, datefmt: str | None = None) -> str:  # noqa: N802
         moment = datetime.fromtimestamp(record.created, UTC)
-        return f"{moment.strftime(datefmt or '%Y-%m-%dT%H:%M:%S')}.{record.msecs:03.0f}Z"
+        return f"{moment.strftime(datefmt or '%Y-%m-%dT%H:%M:%S')}.{int(record.msecs):03d}Z"
 
 
 def _begin(file: Path | None) -> Path | None:

@@ -116,7 +116,7 @@ def test_an_engine_that_ends_its_process_fails_and_the_other_checks_are_made(cap
     monkeypatch.setattr(installation, "_engine", engine_dies)
     code, found = checked(capfd)
     assert (code, found["engine"]["state"]) == (1, "failed")
-    assert "ended unexpectedly" in found["engine"]["message"]
+    assert "a process that ran Taichi ended without a result" in found["engine"]["message"]
     assert found["film"]["state"] == found["threads"]["state"] == "ok"
 
 
