@@ -9,9 +9,12 @@ from __future__ import annotations
 import errno
 import os
 import re
+import signal
 import sys
+import time
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Literal
 
 import typer
@@ -50,6 +53,8 @@ WORDING = (  # how the parser of options says what we say elsewhere
     (r"Value error, ", ""),
     (r"'\. Did you mean", "'; did you mean"),
 )
+
+CLEARED_UP = 5.0  # [s] after Ctrl-C, within which files are closed and worker processes ended
 
 Count = Annotated[
     int, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Number of particles poured on the base.")
@@ -180,7 +185,25 @@ def main() -> None:
     """Entry point of the command ``rigtwin``; leaves with 0, 1 (our fault), 2 (bad input) or 130 (interrupted)."""
     if sys.stdout is None:  # started with stdout closed: results still go into files
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
-    sys.exit(run(sys.argv[1:]))
+    signal.signal(signal.SIGINT, _Interrupts())
+    code = run(sys.argv[1:])
+    if code != 130:  # what is left is the end of Python, which Ctrl-C may cut short
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(code)
+
+
+class _Interrupts:
+    """Ctrl-C as ever; again while that is being handled it changes nothing, and after that time it ends the process."""
+
+    def __init__(self) -> None:
+        self._first: float | None = None
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if self._first is None:
+            self._first = time.monotonic()
+            signal.default_int_handler(number, frame)
+        if time.monotonic() - self._first > CLEARED_UP:
+            os._exit(130)
 
 
 def run(arguments: list[str]) -> int:
