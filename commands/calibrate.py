@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,7 +98,7 @@ def show_paper(found: Calibrated, as_json: bool, quiet: bool) -> None:
     )
 
 
-@finished(show)
+@finished(show, attrgetter("remarks"))
 def calibrate(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
     *,
