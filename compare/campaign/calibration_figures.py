@@ -1,4 +1,4 @@
-"""Figures of a calibration: which quantity tells which parameter, the posterior, deviations from measurements."""
+"""Figures of a calibration: influence of the parameters, posterior, deviations from measurements."""
 
 from __future__ import annotations
 
