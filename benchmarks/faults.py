@@ -36,7 +36,9 @@ LONGEST = 300  # [s], of one command
 
 CLIP = Path(__file__).resolve().parent.parent / "sample_media" / "drop" / "r01.mp4"
 MEASURE = ("--frame-rate", "240Hz", "--bead-diameter", "6mm", "--quiet")
-SIMULATE = ("simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", "150", "--quiet")
+SIMULATE = (
+    "simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", "150", "--threads", "1", "--quiet",
+)  # fmt: skip
 LIMITED = (
     "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, ({level}, resource.RLIM_INFINITY)); "
     "from rigtwin.cli import run; sys.exit(run(sys.argv[1:]))"
