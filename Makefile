@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-decks bench-calibrate bench-campaign bench-sweep faults fuzz clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-decks bench-calibrate bench-search bench-campaign bench-sweep faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -75,6 +75,10 @@ bench-decks: $(READY)
 # SEED=7 COUNT=4 make bench-calibrate: known parameters recovered from simulated labs, five to ten minutes a lab; goes on
 bench-calibrate: $(READY)
 	$(BIN)/python benchmarks/calibrate/recovery.py
+
+# simulations needed beside a grid, random search and CMA-ES (the package cma of the group bench); half an hour
+bench-search: $(READY)
+	$(BIN)/python benchmarks/calibrate/search_cost.py
 
 # SEED=7 COUNT=20 make bench-campaign: a campaign killed COUNT times, and one of two processes; two minutes
 bench-campaign: $(READY)

@@ -9,17 +9,27 @@ from __future__ import annotations
 import errno
 import os
 import re
+import signal
 import sys
+import time
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from types import FrameType
 from typing import Annotated, Any, Literal
 
 import typer
 
 from rigtwin.commands import calibrate as calibrating
-from rigtwin.commands import decks, labs, measure, runs, simulate
+from rigtwin.commands import decks, doctor, labs, log_file, measure, runs, simulate
 from rigtwin.commands import sweep as sweeping
-from rigtwin.commands.display import print_json, show_comparison, show_reproduction
+from rigtwin.commands.display import (
+    comparison_warnings,
+    print_json,
+    reproduction_warnings,
+    show_comparison,
+    show_reproduction,
+)
 from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
@@ -45,6 +55,8 @@ WORDING = (  # how the parser of options says what we say elsewhere
     (r"'\. Did you mean", "'; did you mean"),
 )
 
+CLEARED_UP = 5.0  # [s] after Ctrl-C, within which files are closed and worker processes ended
+
 Count = Annotated[
     int, typer.Option("--count", min=1, max=MOST_PARTICLES, help="Number of particles poured on the base.")
 ]
@@ -69,7 +81,7 @@ def _rigtwin(
 
 
 @app.command(epilog="Example: rigtwin demo --out out/demo")
-@finished(show_comparison)
+@finished(show_comparison, comparison_warnings)
 def demo(*, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, runs: Runs = 1, threads: Threads = None) -> Work:
     """Measure the sample media, run their twins, write a report."""
     from rigtwin.lab.errors import BadInput
@@ -116,6 +128,7 @@ app.command(epilog="Example: rigtwin calibrate my-lab --fit static_friction --ho
 app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
 
 
+app.command(epilog="Example: rigtwin doctor --json")(doctor.doctor)
 app.command(epilog="Example: rigtwin runs out/reproduce/hlosta2020 export runs.parquet")(runs.runs)
 app.add_typer(decks.app, name="export")
 app.command("import", epilog="Example: rigtwin import out/liggghts-pile")(decks.import_deck)
@@ -126,8 +139,14 @@ def _show_reproduction(found: Any, as_json: bool, quiet: bool) -> None:
     show(found, as_json, quiet)
 
 
+def _reproduction_warnings(found: Any) -> Sequence[str]:
+    if hasattr(found, "found"):
+        return [remark for one in found.found.values() for remark in one.remarks]
+    return reproduction_warnings(found)
+
+
 @app.command(epilog="Example: rigtwin reproduce hlosta2020 --table 14 --repetitions 3")
-@finished(_show_reproduction)
+@finished(_show_reproduction, _reproduction_warnings)
 def reproduce(
     reference: Annotated[Literal["hlosta2020"], typer.Argument(help="The published tables: hlosta2020.")],
     *,
@@ -211,11 +230,35 @@ def main() -> None:
     """Entry point of the command ``rigtwin``; leaves with 0, 1 (our fault), 2 (bad input) or 130 (interrupted)."""
     if sys.stdout is None:  # started with stdout closed: results still go into files
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
-    sys.exit(run(sys.argv[1:]))
+    signal.signal(signal.SIGINT, _Interrupts())
+    code = run(sys.argv[1:])
+    if code != 130:  # what is left is the end of Python, which Ctrl-C may cut short
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    sys.exit(code)
+
+
+class _Interrupts:
+    """Ctrl-C as ever; again while that is being handled it changes nothing, and after that time it ends the process."""
+
+    def __init__(self) -> None:
+        self._first: float | None = None
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if self._first is None:
+            self._first = time.monotonic()
+            signal.default_int_handler(number, frame)
+        if time.monotonic() - self._first > CLEARED_UP:
+            os._exit(130)
 
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code; every error becomes one sentence, or one JSON document."""
+    code = _run(arguments)
+    log_file.end(code)
+    return code
+
+
+def _run(arguments: list[str]) -> int:
     as_json = "--json" in arguments
     try:
         code = app(arguments, prog_name="rigtwin", standalone_mode=False)
@@ -254,7 +297,7 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
     if isinstance(error, Interrupted):
         return _fail("interrupted", str(error), error.exit_code, as_json)
     if isinstance(error, RigtwinError):
-        return _fail(type(error).__name__, str(error), error.exit_code, as_json)
+        return _fail(type(error).__name__, str(error), error.exit_code, as_json, error)
     number = getattr(error, "errno", None)
     if isinstance(error, MemoryError) or number == errno.ENOMEM:
         return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
@@ -272,11 +315,12 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
         return _fail("file", f"{where}{reason}; {advice}.", 2, as_json)
     reason = f"{type(error).__name__}: {error}".splitlines()[0]
     message = f"a fault of rigtwin itself ({reason}); set RIGTWIN_DEBUG=1 and run again to see the traceback."
-    return _fail("fault", message, 1, as_json)
+    return _fail("fault", message, 1, as_json, error)
 
 
-def _fail(kind: str, message: str, code: int, as_json: bool) -> int:
+def _fail(kind: str, message: str, code: int, as_json: bool, error: Exception | None = None) -> int:
     sentence = " ".join(message.split())
+    log_file.failure(sentence, code, error)
     if as_json:
         print_json({"error": {"type": kind, "message": sentence, "exit_code": code}})
     else:

@@ -2,10 +2,12 @@
 
     SEED=1 COUNT=10 python benchmarks/faults.py
 
-COUNT is the number of kills of each command and of pairs of runs.  A killed run must leave whole files only, and the
-same command must end as if nothing had happened.  On a disk that is full (a small file system in memory where one may
-be mounted, else a limit on the size of a file) a command ends with its result or with one sentence and exit code 2,
-and leaves no temporary file.  Of two runs in one folder, one is refused, or both end with their own results.
+COUNT is the number of kills of each of six commands and of pairs of runs; a third as many runs are interrupted twice
+(Ctrl-C, and again within half a second).  A run that is killed or interrupted must leave no process, and whole files
+only; the same command must then give what an undisturbed run gives, and leave no temporary file.  On a disk that is
+full (a small file system in memory where one may be mounted, else a limit on the size of a file) a command ends with
+its result or with one sentence and exit code 2, and leaves no temporary file.  Of two runs in one folder, one is
+refused, or both end with their own results.
 """
 
 from __future__ import annotations
@@ -19,14 +21,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import av
+import psutil
 
+from rigtwin.benchmarks import fuzz
 from rigtwin.benchmarks.figures import Row, report, skipped, small
+from rigtwin.compare.campaign.campaign import run_all
+from rigtwin.compare.campaign.run import Result
+from rigtwin.compare.campaign.store import Store
+from rigtwin.compare.reproduce.tables import plan
 
 SEED = int(os.environ.get("SEED", "1"))
 COUNT = int(os.environ.get("COUNT", str(small(10, 2))))
@@ -39,10 +47,15 @@ MEASURE = ("--frame-rate", "240Hz", "--bead-diameter", "6mm", "--quiet")
 SIMULATE = (
     "simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", "150", "--threads", "1", "--quiet",
 )  # fmt: skip
-LIMITED = (
-    "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, ({level}, resource.RLIM_INFINITY)); "
-    "from rigtwin.cli import run; sys.exit(run(sys.argv[1:]))"
-)
+SWEEP = (
+    "sweep", "packing", "--set", "cylinder_diameter=40mm", "--wall", "PMMA", "--count", "60",
+    "--vary", "static_friction=0.1,0.3,0.5,0.7", "--workers", "2", "--quiet",
+)  # fmt: skip
+CALIBRATE = ("--fit", "static_friction", "--budget", "15", "--workers", "2", "--quiet")
+REPRODUCE = ("reproduce", "hlosta2020", "--table", "7", "--quick", "--workers", "2", "--quiet")
+FEW_STEPS = "import rigtwin.compare.campaign.posterior as sampler; sampler.STEPS, sampler.BURNT = 60, 20"
+LIMITED = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({level}, resource.RLIM_INFINITY))"
+ENDS_WITHIN = 20.0  # [s], of the workers of a killed run
 
 
 @dataclass(frozen=True)
@@ -58,11 +71,13 @@ class Ended:
         return self.code == 0 or (self.code == 2 and self.said.count("\n") <= 1 and "Traceback" not in self.said)
 
 
-def started(arguments: Sequence[object], *, level: int | None = None) -> subprocess.Popen[str]:
-    """A command in a process of its own, with files of at most `level` bytes."""
-    begin = ["-m", "rigtwin"] if level is None else ["-c", LIMITED.format(level=level)]
-    words = [sys.executable, *begin, *map(str, arguments)]
-    return subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+def started(arguments: Sequence[object], *, first: str = "", alone: bool = False) -> subprocess.Popen[str]:
+    """A command in a process, which runs the Python statements `first`; in a session of its own if it is `alone`."""
+    begin = ["-c", f"{first}; from rigtwin.cli import main; main()"]
+    words = [sys.executable, *(begin if first else ["-m", "rigtwin"]), *map(str, arguments)]
+    return subprocess.Popen(
+        words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=alone
+    )
 
 
 def ended(process: subprocess.Popen[str]) -> Ended:
@@ -100,33 +115,89 @@ def zero(name: str, count: int, of: int, note: str = "") -> Row:
     return Row(name, float(count), "1", 0.0, f"0 of {of}", count == 0, note)
 
 
-def killed(name: str, command: Callable[[Path], list[object]], record: str, place: Path) -> list[Row]:
-    """Kill a command at random moments; it is run again and must give what an undisturbed run gives."""
-    chance = random.Random(f"{SEED} {name}")
+@dataclass(frozen=True)
+class Task:
+    """A command that writes into a folder, and what must be the same whenever it has ended well."""
+
+    name: str
+    command: Callable[[Path], list[object]]
+    answer: Callable[[Path], object]
+    prepare: Callable[[Path], None] = lambda _folder: None  # what stands in the folder before
+    first: str = ""  # Python statements that the process runs before
+
+
+def disturbed(task: Task, place: Path) -> list[Row]:
+    """Kill a command, or interrupt it twice, at random moments; then run it again."""
+    chance = random.Random(f"{SEED} {task.name}")
+    task.prepare(place / "whole")
     began = time.monotonic()
-    whole = ended(started(command(place / "whole")))
+    whole = ended(started(task.command(place / "whole"), first=task.first))
     seconds = time.monotonic() - began
-    damaged, other = 0, 0
-    folder = place / "killed"
-    for k in range(COUNT):
-        process = started(command(folder))
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(chance.uniform(0.1, 1.0) * seconds)
+    rows = [zero(f"{task.name}: undisturbed run fails", int(whole.code != 0), 1, whole.said[:80])]
+    if whole.code != 0:
+        return rows
+    answer = task.answer(place / "whole")
+    for way, number in {"kill": COUNT, "Ctrl-C twice": -(-COUNT // 3)}.items():
+        wrong: dict[str, list[str]] = {}
+        for k in range(number):
+            folder = place / way / str(k)
+            task.prepare(folder)
+            moment = chance.uniform(0.1, 1.0) * seconds
+            again = chance.uniform(0.0, 0.5) if way == "Ctrl-C twice" else None
+            for what in (*_stopped(task, folder, moment, again), *_run_again(task, folder, answer)):
+                wrong.setdefault(what.partition(":")[0], []).append(f"at {moment:.2f} of {seconds:.2f} s: {what}")
+            shutil.rmtree(folder)
+        for what in ("damaged", "a process goes on", "ends in another way", "run again", "temporary"):
+            found = wrong.get(what, [])
+            rows.append(zero(f"{task.name}, {way}: {what}", len(found), number, "; ".join(found)[:300]))
+    return rows
+
+
+def _stopped(task: Task, folder: Path, moment: float, again: float | None) -> Iterator[str]:
+    """Kill a run at a moment [s], or interrupt it then and again some time [s] after; what is wrong after that."""
+    process = started(task.command(folder), first=task.first, alone=True)
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(moment)
+    if again is None:
         process.kill()
-        ended(process)
-        damaged += len(broken(folder))
-        if k % 3 == 2 or k == COUNT - 1:
-            after = ended(started(command(folder)))
-            kept = (folder / record).read_bytes() if after.code == 0 else b""
-            other += kept != (place / "whole" / record).read_bytes()
-            if k < COUNT - 1:
-                shutil.rmtree(folder, ignore_errors=True)
-    return [
-        zero(f"{name}: undisturbed run fails", int(whole.code != 0), 1, whole.said[:80]),
-        zero(f"{name}: damaged files after a kill", damaged, COUNT),
-        zero(f"{name}: other results after kills", other, -(-COUNT // 3)),
-        zero(f"{name}: temporary files after the last run", len(parts(folder)), 1),
-    ]
+    else:
+        for pause in (again, 0.0):
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGINT)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(pause)
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(LONGEST)
+    _, alive = psutil.wait_procs(_of_session(process.pid), ENDS_WITHIN)
+    for one in alive:
+        yield f"a process goes on: {' '.join(one.cmdline())[-60:]}"
+        one.kill()
+    end = ended(process)
+    # a shell shows the end by the signal itself as 130, too
+    if again is not None and (end.code not in (0, 130, -signal.SIGINT) or "Traceback" in end.said):
+        yield f"ends in another way: exit {end.code}, {end.said[-200:].strip()}"
+    yield from (f"damaged: {file.name}" for file in broken(folder))
+
+
+def _of_session(leader: int) -> list[psutil.Process]:
+    """The processes that a command has started and left, by the session that it began."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(OSError, psutil.Error):
+            if process.pid != leader and os.getsid(process.pid) == leader:
+                found.append(process)
+    return found
+
+
+def _run_again(task: Task, folder: Path, answer: object) -> Iterator[str]:
+    begun = time.time()
+    after = ended(started(task.command(folder), first=task.first))
+    if after.code != 0:
+        yield f"run again: exit {after.code}, {after.said[-200:].strip()}"
+    elif task.answer(folder) != answer:
+        yield "run again: another result"
+    old = [file for file in folder.rglob("*") if file.parent.name == "owners" or file.name.endswith("-journal")]
+    yield from (f"temporary: {file.name}" for file in (*parts(folder), *old) if file.stat().st_mtime < begun)
 
 
 def mounted(place: Path, level: int) -> bool:
@@ -154,7 +225,7 @@ def full(name: str, command: Callable[[Path], list[object]], place: Path) -> lis
                 mounted(small_disk, level)
             try:
                 out = small_disk / "out"
-                end = ended(started(command(out), level=level if way == "limit" else None))
+                end = ended(started(command(out), first=LIMITED.format(level=level) if way == "limit" else ""))
                 wrong[way] += [] if end.well else [f"{level} bytes: exit {end.code}, {end.said[-90:].strip()}"]
                 left[way] += len(parts(small_disk))
             finally:
@@ -209,21 +280,89 @@ def together(place: Path) -> list[Row]:
     ]
 
 
-def main() -> int:
-    def measure(out: Path) -> list[object]:
-        return ["measure", "drop", CLIP, *MEASURE, "--out", out]
+def measure(out: Path) -> list[object]:
+    return ["measure", "drop", CLIP, *MEASURE, "--out", out]
+
+
+def content(*names: str) -> Callable[[Path], object]:
+    return lambda folder: [(folder / name).read_bytes() for name in names]
+
+
+def tasks(place: Path) -> Iterator[Task]:
+    """The commands that are disturbed; `place` holds their labs."""
 
     def simulate(out: Path) -> list[object]:
         return [*SIMULATE, "--checkpoint", out / "heap.npz", "--out", out]
 
+    yield Task("measure", measure, content("r01-track.csv"))
+    yield Task("simulate with a checkpoint", simulate, content("pile-twin-profile-1.csv"))
+    yield Task("sweep", lambda out: [*SWEEP, "--out", out], content("sweep.csv"))
+    bed, tracks = a_bed(place / "bed"), six_tracks(place / "tracks")
+    calibrate = content("posterior.csv", "model.toml")
+    yield Task("calibrate", lambda out: ["calibrate", bed, *CALIBRATE, "--out", out], calibrate, first=FEW_STEPS)
+    yield Task("diagnose", lambda out: ["diagnose", tracks, "--quiet", "--out", out], diagnosis)
+    yield Task(
+        "reproduce", lambda out: [*REPRODUCE, "--out", out], content("cells.csv"), prepare=all_but_one(place / "first")
+    )
+
+
+def a_bed(folder: Path) -> Path:
+    """A lab of one simulated bed."""
+    bed = ("simulate", "packing", "--cylinder-diameter", "40mm", "--wall", "PMMA", "--count", "60", "--quiet")
+    ended(started([*bed, "--seed", "9000", "--out", folder]))
+    text = """[[experiments]]
+id = "bed"
+rig = "packing"
+particle = "D6"
+wall = "PMMA"
+cylinder_diameter = "40 mm"
+count = 60
+repetitions = ["packing-twin-profile-1.csv"]
+"""
+    (folder / "lab.toml").write_text(text)
+    return folder
+
+
+def six_tracks(folder: Path) -> Path:
+    """Six tracked repetitions of a drop."""
+    folder.mkdir(parents=True)
+    for k in range(1, 7):
+        (folder / f"r0{k}.csv").write_text(fuzz.table().replace(",0.0,", f",{1e-4 * k},"))
+    (folder / "lab.json").write_text(fuzz.notes())
+    return folder
+
+
+def diagnosis(folder: Path) -> object:
+    """A diagnosis without what depends on the folder and the machine."""
+    found = json.loads((folder / "diagnosis.json").read_text())
+    return {name: value for name, value in found.items() if name != "cpu_seconds"}
+
+
+def all_but_one(place: Path) -> Callable[[Path], None]:
+    """Fill a store with all runs of a table but the shortest one, whose result stands for the others'."""
+    runs = plan([7], quick=True, repetitions=None, seed=1).runs
+    shortest = min(runs, key=lambda run: run.cost)
+    kept: list[Result] = []
+
+    def prepare(folder: Path) -> None:
+        if not kept:
+            kept.append(run_all([shortest], place).results[shortest.name])
+        with Store(folder / "runs") as store:
+            for run in runs:
+                if run is not shortest:
+                    store.keep(run, kept[0], 1.0)
+
+    return prepare
+
+
+def main() -> int:
     def filmed(suffix: str) -> Callable[[Path], list[object]]:
         return lambda out: [*SIMULATE, "--trajectory", out / f"heap{suffix}", "--out", out]
 
     with tempfile.TemporaryDirectory(prefix="rigtwin-faults-") as name:
         place = Path(name)
         rows = [
-            *killed("measure", measure, "r01-track.csv", place / "m"),
-            *killed("simulate with a checkpoint", simulate, "pile-twin-profile-1.csv", place / "s"),
+            *(row for k, task in enumerate(tasks(place)) for row in disturbed(task, place / str(k))),
             *full("measure", measure, place / "fm"),
             *full("simulate, .vtkhdf", filmed(".vtkhdf"), place / "fv"),
             *full("simulate, .gsd", filmed(".gsd"), place / "fg"),

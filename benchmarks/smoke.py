@@ -61,6 +61,7 @@ SCRIPTS = (
     Script("poured-bed", 8, "engine/poured_bed.py"),
     Script("conical", 3, "engine/conical.py"),
     Script("devices", 2, "engine/devices.py"),
+    Script("calibrate_search", 4, "calibrate/search_cost.py"),
     Script("bench-drum-moments", 35, "measure/drum_moments.py"),
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,6 +35,11 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
         )
     for sentence in found.ambiguous:
         typer.echo(sentence)
+    for row in found.next_experiments:
+        typer.echo(
+            f"further experiment: {row['experiment']}: its {row['quantity']} ({row['method']}) would be "
+            f"{row['one']:.4g} or {row['other']:.4g} {row['unit']}, {row['apart']:.1f} standard deviations apart"
+        )
     for row in found.predictions:
         if "component" in row["method"]:  # a number without a meaning of its own
             continue
@@ -92,7 +98,7 @@ def show_paper(found: Calibrated, as_json: bool, quiet: bool) -> None:
     )
 
 
-@finished(show)
+@finished(show, attrgetter("remarks"))
 def calibrate(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
     *,

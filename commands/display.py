@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.markup import escape
 
+from rigtwin.commands.log_file import LOGGER
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -145,6 +147,12 @@ def show_comparison(comparison: Comparison, as_json: bool = False, quiet: bool =
         _tell_comparison(_console(), comparison)
 
 
+def comparison_warnings(comparison: Comparison) -> list[str]:
+    """Warnings of all experiments, and remarks on the whole."""
+    each = [f"{one.experiment.id}: {warning}" for one in comparison.outcomes for warning in one.warnings]
+    return [*each, *comparison.remarks]
+
+
 def _tell_comparison(console: Console, comparison: Comparison) -> None:
     from rich.table import Table
 
@@ -175,11 +183,8 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
     for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
-    for outcome in comparison.outcomes:
-        for warning in outcome.warnings:
-            console.print(f"[yellow]warning:[/yellow] {escape(outcome.experiment.id)}: {escape(warning)}")
-    for remark in comparison.remarks:
-        console.print(f"[yellow]warning:[/yellow] {escape(remark)}")
+    for warning in comparison_warnings(comparison):
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     for sentence in comparison.lab.borrowed:
         console.print(f"[dim]borrowed:[/dim] {escape(sentence)}")
     for path in comparison.files.values():
@@ -253,6 +258,8 @@ def show_reproduction(reproduction: Reproduction, as_json: bool, quiet: bool) ->
     done = reproduction.done
     runs = len(done.results) + len(done.failures)
     if faults := done.faults:
+        for name, trace in faults.items():
+            LOGGER.critical("%s: a fault of rigtwin itself\n%s", name, trace.rstrip())
         if os.environ.get("RIGTWIN_DEBUG"):
             sys.stderr.write("\n".join(faults.values()))
         elif not as_json:
@@ -269,6 +276,13 @@ def show_reproduction(reproduction: Reproduction, as_json: bool, quiet: bool) ->
                 f"{done.failures[large[0]].rstrip('.')}; the others are kept and shown.\n"
             )
         raise typer.Exit(2)
+
+
+def reproduction_warnings(reproduction: Reproduction) -> list[str]:
+    """Warnings of the runs, and the runs that failed with their reasons."""
+    done = reproduction.done
+    failed = [f"{name} failed: {words}" for name, words in done.failures.items()]
+    return [*reproduction.warnings, *reproduction.missing, *failed]
 
 
 def _tell_reproduction(console: Console, reproduction: Reproduction) -> None:

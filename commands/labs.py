@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from rigtwin.commands import simulate
-from rigtwin.commands.display import show_comparison, show_diagnosis
+from rigtwin.commands.display import comparison_warnings, show_comparison, show_diagnosis
 from rigtwin.commands.options import Cluster, Out, Runs, Seed, Stiffness, Threads
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
@@ -20,7 +20,7 @@ Outside = Annotated[
 ]
 
 
-@finished(show_comparison)
+@finished(show_comparison, comparison_warnings)
 def compare(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
     *,
@@ -95,7 +95,7 @@ def folders_of(said: Sequence[str]) -> dict[str, Path]:
     return found
 
 
-@finished(show_diagnosis)
+@finished(show_diagnosis, lambda found: found[0].left_out)
 def diagnose(
     lab: Annotated[
         Path, typer.Argument(metavar="LAB", help="Folder with a lab.json of tracked repetitions, or a lab.toml.")

@@ -22,9 +22,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document inst
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")]
 
 
-def option(flag: str, metavar: str, help_text: str, parser: Callable[[str], Any] | None = None) -> Any:
-    """An option with a value."""
-    return typer.Option(flag, metavar=metavar, help=help_text, parser=parser)
+def option(flag: str, metavar: str, help_text: str, parser: Callable[[str], Any] | None = None, **more: Any) -> Any:
+    """An option with a value; `more` goes to `typer.Option`."""
+    return typer.Option(flag, metavar=metavar, help=help_text, parser=parser, **more)
 
 
 def quantity(
@@ -55,7 +55,7 @@ def writable_folder(text: str | Path) -> Path:
     return folder
 
 
-def file_option(flag: str, metavar: str, help_text: str) -> Any:
+def file_option(flag: str, metavar: str, help_text: str, **more: Any) -> Any:
     """An option that names a file to be written, refused before the work and not after it."""
 
     def read(text: str) -> Path:
@@ -68,7 +68,7 @@ def file_option(flag: str, metavar: str, help_text: str) -> Any:
         _check_writable(file.absolute().parent, flag, f"not a folder; {elsewhere}", elsewhere)
         return file
 
-    return option(flag, metavar, help_text, read)
+    return option(flag, metavar, help_text, read, **more)
 
 
 def _check_writable(folder: Path, flag: str, because: str, instead: str) -> None:

@@ -10,26 +10,29 @@ import inspect
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache, partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from rigtwin.commands import log_file
 from rigtwin.commands.display import kept_in_words, progress_bars, show_measurement, show_twin
 from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options, writable_folder
 
 Work = partial[Any]
 
 JSON_QUIET = {"as_json": (Json, False), "quiet": (Quiet, False)}
+LOGGED = {"log": (log_file.Log, None), **JSON_QUIET}  # of work that takes long; the file is open when the work begins
 
 
-def finished(show: Callable[[Any, bool, bool], None]) -> Callable[[Command], Command]:
-    """Do a command's work under progress bars; `show` prints the result."""
+def finished(show: Callable[[Any, bool, bool], None], warnings_of: log_file.WarningsOf) -> Callable[[Command], Command]:
+    """Do a command's work under progress bars; `show` prints the result, `warnings_of` it goes into ``--log``."""
 
-    def around(own: Command, *, as_json: bool, quiet: bool) -> None:
-        show(_done(own(), hidden=as_json or quiet), as_json, quiet)
+    def around(own: Command, *, as_json: bool, quiet: bool, **_log: Path | None) -> None:
+        show(log_file.warned(_done(own(), hidden=as_json or quiet), warnings_of), as_json, quiet)
 
-    return lambda command: with_options(command, JSON_QUIET, around)
+    return lambda command: with_options(command, LOGGED, around)
 
 
 def measured(rig: str) -> Callable[[Command], Command]:
@@ -42,7 +45,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
             "with ~2, ~3 ... behind it where another input's results stand."
         )
 
-    def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool) -> None:
+    def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool, **_log: Path | None) -> None:
         work: Work = own()
         from rigtwin.commands.output_folder import claimed, keep, results_folder
 
@@ -53,7 +56,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
             else:
                 claim.enter_context(claimed(out))
             measurement = keep(_done(partial(work, out=out), hidden=as_json or quiet), out, work.args[0])
-        show_measurement(measurement, as_json, quiet)
+        show_measurement(log_file.warned(measurement, attrgetter("warnings")), as_json, quiet)
 
     return lambda command: with_options(command, _with_out(folder_text(command)), around)
 
@@ -67,7 +70,7 @@ def simulated(rig: str) -> Callable[[Command], Command]:
     """Run a twin; its record and quantities go into the results' folder."""
     default = Path(f"out/simulate-{rig}")
 
-    def around(own: Any, *, out: Path | None, as_json: bool, quiet: bool) -> None:
+    def around(own: Any, *, out: Path | None, as_json: bool, quiet: bool, **_log: Path | None) -> None:
         with errors_by_option(own.keywords):
             work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
             from rigtwin.commands.output_folder import check_only, claimed
@@ -79,6 +82,7 @@ def simulated(rig: str) -> Callable[[Command], Command]:
                 checkpoint = work.keywords.get("checkpoint")
                 going_on = "" if checkpoint is None or hidden else kept_in_words(checkpoint)
                 twin = _done(work, hidden=hidden, first=going_on)
+            log_file.warned(twin, lambda found: (*found.warnings, *found.evaluation.warnings))
             show_twin(twin, folder, as_json, quiet)
 
     return lambda command: with_options(command, _with_out(f"Folder for results; {default} by default."), around)
@@ -107,9 +111,11 @@ def _done(work: Work, *, hidden: bool, first: str = "") -> Any:
             typer.echo(first, err=True)
 
     with progress_bars(hidden) as bars:
+        write = log_file.steps()
 
         def progress(stage: str, done: float, total: float) -> None:
             tell()
+            write(stage, done, total)
             bars(stage, done, total)
 
         try:
@@ -125,4 +131,4 @@ def _done(work: Work, *, hidden: bool, first: str = "") -> Any:
 
 
 def _with_out(help_text: str) -> dict[str, tuple[Any, Any]]:
-    return {"out": (Annotated[Path | None, out_option(help_text)], None), **JSON_QUIET}
+    return {"out": (Annotated[Path | None, out_option(help_text)], None), **LOGGED}

@@ -40,12 +40,17 @@ def show(found: Sweep, as_json: bool, quiet: bool) -> None:
             )
         else:
             typer.echo(mine[columns].to_string(index=False, float_format="%.4g"))
-    for name, why in found.failures.items():
-        typer.echo(f"{name} failed: {why}")
+    for words in failures(found):
+        typer.echo(words)
     typer.echo(f"{found.runs - len(found.failures)} of {found.runs} runs; wrote {found.files['sweep.csv'].parent}")
 
 
-@finished(show)
+def failures(found: Sweep) -> list[str]:
+    """The runs without a result, each with its reason."""
+    return [f"{name} failed: {why}" for name, why in found.failures.items()]
+
+
+@finished(show, failures)
 def sweep(
     subject: Annotated[
         str, typer.Argument(metavar="LAB|RIG", help="Lab folder with a lab.toml, or the name of a rig.")

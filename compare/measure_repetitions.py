@@ -76,7 +76,7 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
         for experiment, place in zip(experiments, folders(experiments), strict=True)
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
-    with spawned(len(jobs), workers) as pool:
+    with spawned(len(jobs), workers, work="measured a repetition", less="give shorter clips or smaller photos") as pool:
         with interrupts_held():
             # the views of a pile are one long job: start it first, so that the others run beside it
             longest_first = sorted(range(len(jobs)), key=lambda k: -len(jobs[k][1]))

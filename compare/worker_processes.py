@@ -11,16 +11,20 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
-from rigtwin.lab.errors import RigtwinError
+from rigtwin.lab.errors import WorkerEnded
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @contextmanager
-def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
+def spawned(
+    jobs: int, workers: int | None = None, *, work: str = "worked", less: str = "use fewer --workers"
+) -> Iterator[ProcessPoolExecutor]:
     """A pool of at most `workers` processes (one per core by default) for `jobs` jobs.
 
-    An exception in the block, including Ctrl-C, ends the processes too.  Submit jobs inside `interrupts_held`.
+    `WorkerEnded` is raised if one of them ends unexpectedly; its message says what it did (`work`, a verb in the past
+    tense) and how to need less memory (`less`).  An exception in the block, including Ctrl-C, ends the processes too.
+    Submit jobs inside `interrupts_held`.
     """
     workers = max(1, min(workers or os.cpu_count() or 1, jobs))
     others = set(multiprocessing.active_children())
@@ -28,9 +32,9 @@ def spawned(jobs: int, workers: int | None = None) -> Iterator[ProcessPoolExecut
     try:
         yield pool
     except BrokenProcessPool:
-        raise RigtwinError(
-            "a worker process ended unexpectedly, most likely because memory ran out; "
-            "close other programs and run again, or use fewer --workers."
+        raise WorkerEnded(
+            f"a process that {work} ended without a result, most likely because memory ran out; "
+            f"close other programs and run again, or {less}."
         ) from None
     except BaseException:
         # the results of running jobs are lost, so do not wait for them

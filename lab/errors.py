@@ -5,6 +5,7 @@
     RigtwinError                 exit code 1
     ├── Interrupted              exit code 130: Ctrl-C, with what was kept of the work
     ├── SimulationFailed         exit code 2: a twin broke down: the input asks for what it cannot follow
+    ├── WorkerEnded              exit code 2: the system ended a worker process, most likely for want of memory
     └── BadInput                 exit code 2: the input, not the program, is at fault
         ├── BadQuantity          text that is not a number with a fitting unit
         ├── BadLabFile           lab.toml: the message names file, key and line
@@ -53,6 +54,12 @@ class Interrupted(RigtwinError):
 
 class SimulationFailed(RigtwinError):
     """A running simulation broke down for what was asked of it; the message names the body and the time."""
+
+    exit_code = 2
+
+
+class WorkerEnded(RigtwinError):
+    """A worker process ended without a result; the message says what it did and how to need less memory."""
 
     exit_code = 2
 

@@ -69,7 +69,7 @@ class AtOnce(Executor):
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """`compare` and `reproduce` work here: for tests of what they find, not of the processes that find it."""
     for place in ("measure_repetitions", "campaign.runners"):
-        monkeypatch.setattr(f"rigtwin.compare.{place}.spawned", lambda *_: nullcontext(AtOnce()))
+        monkeypatch.setattr(f"rigtwin.compare.{place}.spawned", lambda *_, **__: nullcontext(AtOnce()))
 
 
 class PowerCut(Exception):

@@ -132,7 +132,7 @@ def test_help_loads_nothing_heavy():
         assert HEAVY.isdisjoint(loaded.split())
 
 
-SINGLE = ("demo", "init", "compare", "sweep", "calibrate", "runs", "diagnose", "import", "reproduce")
+SINGLE = ("demo", "init", "compare", "sweep", "calibrate", "runs", "diagnose", "doctor", "import", "reproduce")
 DECKS = ("liggghts", "lammps", "yade")
 COMMANDS = [
     *([command] for command in SINGLE),

@@ -8,25 +8,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
 from rigtwin.compare.campaign.calibration import Calibration, calibration_of
+from rigtwin.compare.campaign.calibration_figures import figures
 from rigtwin.compare.campaign.campaign import Campaign
+from rigtwin.compare.campaign.next_experiment import next_experiments, runs_needed
 from rigtwin.compare.campaign.posterior import Parameter, Target
 from rigtwin.compare.campaign.runners import runner
-from rigtwin.compare.campaign.search import Search, applies
+from rigtwin.compare.campaign.search import Search, State
 from rigtwin.compare.campaign.store import Store
-from rigtwin.compare.campaign.vary import names, parse
+from rigtwin.compare.campaign.vary import applies, contact_pair, names, of_contact, of_pairs, parse
 from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import Measured, measuring
+from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import model_text
 from rigtwin.lab.file.schema import suggestion
-from rigtwin.lab.materials import pair
+from rigtwin.lab.formatting import title
+from rigtwin.lab.materials import PARAMETERS, pair
 from rigtwin.lab.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -68,7 +73,8 @@ def calibrate(
     lab_folder : Path
         Folder with a lab.toml.
     out : Path
-        Folder for calibration.json, posterior.csv and model.toml; finished runs are kept in ``out/runs``.
+        Folder for calibration.json, calibration.html, its figures, posterior.csv and model.toml; finished runs are kept
+        in ``out/runs``.
     progress : Progress
         Called with step, finished and total runs.
     fit : sequence of str, optional
@@ -171,18 +177,39 @@ def calibrate_lab(
         found = search.run(campaign, progress)
         held = [one for one in bulk if one.id in hold_out]
         predictions = tuple(search.predictions(found, held, campaign, progress))
-    calibration = calibration_of(search, found, predictions)
+        calibration = calibration_of(search, found, predictions)
+        if calibration.ambiguous:
+            calibration = _with_next_experiments(calibration, search, found, campaign, progress)
+    drawn = figures(calibration)
+    page = filled("calibration.html", found=calibration, figures=drawn, title=title)
     contents = {
         "posterior.csv": result_files.table(
             [dict(zip((one.name for one in parameters), row, strict=True)) for row in calibration.samples.tolist()],
             [one.name for one in parameters],
         ),
         "model.toml": model_text(calibration.model),
+        "calibration.html": page,
+        **drawn,
     }
     calibration.files.update({name: out / name for name in (*contents, "calibration.json")})
     document = result_files.document(calibration.to_json())
     result_files.write_in_turn(out, {**contents, "calibration.json": document})
     return calibration
+
+
+def _with_next_experiments(
+    calibration: Calibration, search: Search, found: State, campaign: Campaign, progress: Progress
+) -> Calibration:
+    """The calibration with experiments that would separate the sets that fit, or a remark on what they need."""
+    needed = runs_needed(search)
+    if not needed:
+        return calibration
+    if found.runs + needed > search.budget:
+        budget = found.runs + needed
+        remark = f"--budget {budget} would also simulate which further experiment separates the sets that fit"
+        return replace(calibration, remarks=(*calibration.remarks, remark))
+    following = next_experiments(search, found, campaign, progress)
+    return replace(calibration, next_experiments=tuple(following), runs=found.runs)
 
 
 def _to_fit(lab: Lab, hold_out: Sequence[str]) -> tuple[list[Experiment], list[Experiment]]:
@@ -209,11 +236,15 @@ def _parameters(
         seen.add(name)
         takers = [one for one in fitted if applies(name, one)]
         if not takers:
-            known_names = dict.fromkeys(known for one in fitted for known in names(one))
+            known_names = dict.fromkeys(known for one in fitted for known in (*names(one), *of_pairs(one)))
             raise BadInput(
                 f"--fit: no experiment that is fitted depends on {name!r}; {suggestion(name, known_names)}, and "
                 "parameters of effects."
             )
+        pairs = dict.fromkeys(pair(*contact_pair(name, one)) for one in takers)
+        if of_contact(name) in PARAMETERS and len(pairs) > 1:
+            each = [f"{of_contact(name)}@{'-'.join(one)}" for one in pairs]
+            raise BadInput(f"--fit: {name} would be one value of several contacts; name them: {', '.join(each)}.")
         known = _measured_value(name, lab, takers[0], measured)
         if ranged:
             varied = parse(text, takers[0], option="--fit")
@@ -228,11 +259,11 @@ def _parameters(
                 )
         elif known is not None:
             low, high = max(known[0] - 4 * known[1], 0.05 * known[0]), known[0] + 4 * known[1]
-            if name.endswith("restitution"):
+            if of_contact(name) == "restitution":
                 high = min(high, 1.0)
             source = "four standard uncertainties"
-        elif name.removeprefix("wall_") in RANGES:
-            low, high = RANGES[name.removeprefix("wall_")]
+        elif of_contact(name) in RANGES:
+            low, high = RANGES[of_contact(name)]
             source = "nothing is known"
         else:
             raise BadInput(f"--fit: {name} was not measured; give its range, {name}=LOW..HIGH.")
@@ -244,14 +275,14 @@ def _measured_value(
     name: str, lab: Lab, taker: Experiment, measured: Mapping[str, Sequence[Quantity]]
 ) -> tuple[float, float, str] | None:
     """Value, standard uncertainty and source of a contact's parameter that the lab measures directly."""
-    wanted = pair(*taker.contacts[0 if name.startswith("wall_") else -1])
+    wanted = pair(*contact_pair(name, taker))
     for experiment in lab.experiments:
         if entry_of(experiment).many_particles or pair(*experiment.contacts[-1]) != wanted:
             continue
         for row in deviations(experiment.id, experiment.rig_name, measured[experiment.id], ()):
             parameter = MEASURED_BY.get((experiment.rig_name, row.quantity))
             known = math.isfinite(row.measured) and 0 < row.measured_std_uncertainty < math.inf
-            if parameter == name.removeprefix("wall_") and known and not row.doubtful:
+            if parameter == of_contact(name) and known and not row.doubtful:
                 return row.measured, row.measured_std_uncertainty, experiment.id
     return None
 

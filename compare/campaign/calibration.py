@@ -11,8 +11,8 @@ import numpy as np
 
 from rigtwin.compare.campaign import emulator as emulators
 from rigtwin.compare.campaign.posterior import CONVERGED, Parameter, Target
-from rigtwin.compare.campaign.search import Search, State, applies
-from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, at
+from rigtwin.compare.campaign.search import Search, State
+from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, applies, at, of_contact
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.file.lab_file import Lab
 from rigtwin.lab.file.model_file import Model
@@ -40,6 +40,7 @@ class Calibration:
     stopped: str
     misfit: tuple[float, float]  # chi-square of the best set, and its probability
     remarks: tuple[str, ...] = ()
+    next_experiments: tuple[dict[str, Any], ...] = ()  # that would separate sets that fit, the best first
     files: dict[str, Path] = field(default_factory=dict)
 
     @property
@@ -107,6 +108,7 @@ class Calibration:
             },
             "correlations": self.correlations,
             "ambiguous": self.ambiguous,
+            "next_experiments": list(self.next_experiments),
             "sensitivities": [
                 {
                     "experiment": target.experiment, "quantity": target.quantity, "method": target.method,
@@ -158,7 +160,7 @@ def _best_model(search: Search, best: Mapping[str, float]) -> Model:
 
 def _remarks(search: Search, found: State, best: Mapping[str, float]) -> Iterator[str]:
     for name, value in best.items():
-        if "." not in name and name.removeprefix("wall_") not in PARAMETERS:
+        if "." not in name and of_contact(name) not in PARAMETERS:
             whose = "the particle" if name in OF_PARTICLE else "the rig"
             yield (
                 f"`compare --model` takes contacts and effects from model.toml; state {name} = {value:.5g} (SI) of "

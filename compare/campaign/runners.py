@@ -28,7 +28,7 @@ import numpy as np
 from rigtwin.compare.campaign.run import Result
 from rigtwin.compare.result_files import plain
 from rigtwin.compare.worker_processes import interrupts_held, spawned, start_worker
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, WorkerEnded
 from rigtwin.lab.version import __version__
 
 ANSWER = 10.0  # [s], within which a Dask scheduler must answer
@@ -85,7 +85,7 @@ def _in_own_process(function: str, settings: dict[str, Any], version: str) -> tu
         return job.result()
     except BrokenProcessPool:
         _own_process.cache_clear()
-        raise RigtwinError("its process ended unexpectedly, most likely because memory ran out.") from None
+        raise WorkerEnded("its process ended without a result, most likely because memory ran out.") from None
 
 
 @cache
@@ -131,7 +131,7 @@ def runner(cluster: str | None, workers: int | None, folder: Path, *, option: st
 @contextmanager
 def local(jobs: int, workers: int | None = None) -> Iterator[Pool]:
     """Processes of this machine, at most `workers` (one for each core by default)."""
-    with spawned(jobs, workers) as pool:
+    with spawned(jobs, workers, work="ran a twin") as pool:
         yield Pool(_Processes(pool), getattr(pool, "_max_workers", 1))
 
 

@@ -13,7 +13,7 @@ from rigtwin.compare.campaign import emulator as emulators
 from rigtwin.compare.campaign.curves import CurveTargets, curve_targets
 from rigtwin.compare.campaign.posterior import MOST_STEPS, Parameter, Posterior, Target, correlation, sample
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import Setting, at, names
+from rigtwin.compare.campaign.vary import Setting, applies, at
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError
 
@@ -214,11 +214,6 @@ class Search:
                 results = [done.results.get(runs[one.id, k].name) for k in seeds]
                 values = np.array([_value(target, result, curves) for result in results])
                 yield {**_prediction(target, values[np.isfinite(values)]), "held_out": one in held}
-
-
-def applies(name: str, experiment: Experiment) -> bool:
-    """Whether the twin of an experiment has a parameter of this name; that of an effect applies everywhere."""
-    return "." in name or name in names(experiment)
 
 
 def results_of(runs: Sequence[Run], campaign: Campaign, progress: Progress, stage: str) -> Done:

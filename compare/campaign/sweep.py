@@ -278,7 +278,9 @@ def _run(runs: Sequence[Run], out: Path, where: Any, progress: Progress) -> Done
     done = run_all(runs, out / "runs", runner=where, progress=progress)
     if done.faults:
         first = next(iter(done.faults))
-        raise RigtwinError(f"{len(done.faults)} of {len(runs)} runs failed, {first} by {done.failures[first]}.")
+        fault = RigtwinError(f"{len(done.faults)} of {len(runs)} runs failed, {first} by {done.failures[first]}.")
+        fault.add_note(done.faults[first])
+        raise fault
     if not done.results:
         first = next(iter(done.failures))
         raise BadInput(f"no run has a result; {first}: {done.failures[first]}")

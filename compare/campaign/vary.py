@@ -81,7 +81,8 @@ def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varie
     name, equals, said = (part.strip() for part in text.partition("="))
     if not (name and equals and said):
         raise BadInput(f"{option}: {text!r} is not like static_friction=0.05..1.5:8 or outlet=30mm,40mm.")
-    if name not in (known := names(experiment)) and "." not in name:
+    if not applies(name, experiment):
+        known = [*names(experiment), *of_pairs(experiment)]
         raise BadInput(
             f"{option}: a {experiment.rig_name} has no parameter {name!r} that can be varied; "
             f"{suggestion(name, known)}."
@@ -100,6 +101,33 @@ def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varie
     if not ends[0] < ends[1]:
         raise BadInput(f"{option}: {name} goes from {low.strip()} to {high.strip()}; give the lower value first.")
     return Varied(name, ends, int(levels) if colon else LEVELS, unit)
+
+
+def applies(name: str, experiment: Experiment) -> bool:
+    """Whether the twin of an experiment has a parameter of this name; those of effects it has always."""
+    return "." in name or name in names(experiment) or name in of_pairs(experiment)
+
+
+def of_pairs(experiment: Experiment) -> dict[str, tuple[str, tuple[str, str]]]:
+    """The parameters of single contacts, ``static_friction@D6-steel``: their parameter and pair."""
+    return {
+        f"{parameter}@{a}-{b}": (parameter, (a, b))
+        for one, other in experiment.contacts
+        for a, b in ((one, other), (other, one))
+        for parameter in PARAMETERS
+    }
+
+
+def of_contact(name: str) -> str:
+    """The parameter of a contact that a name means: ``static_friction`` of ``wall_static_friction`` or with a pair."""
+    return name.removeprefix("wall_").partition("@")[0]
+
+
+def contact_pair(name: str, experiment: Experiment) -> tuple[str, str]:
+    """The pair whose parameter a name means in an experiment."""
+    if "@" in name:
+        return of_pairs(experiment)[name][1]
+    return experiment.contacts[0 if name.startswith("wall_") else -1]
 
 
 def names(experiment: Experiment) -> list[str]:
@@ -176,10 +204,9 @@ def at(setting: Setting, point: Point) -> Setting:
             effect, _, parameter = name.partition(".")
             known = model.effects.get(effect, {})
             model = replace(model, effects={**model.effects, effect: {**known, parameter: value}})
-        elif name.removeprefix("wall_") in PARAMETERS:
-            pair = experiment.contacts[0 if name.startswith("wall_") else -1]
-            changed: dict[str, Any] = {name.removeprefix("wall_"): value}
-            model = model.with_contact(*pair, **changed)
+        elif of_contact(name) in PARAMETERS:
+            changed: dict[str, Any] = {of_contact(name): value}
+            model = model.with_contact(*contact_pair(name, experiment), **changed)
         elif name in OF_PARTICLE:
             experiment = replace(experiment, particle=_particle(experiment.particle, name, value))
         elif name in rig:
@@ -218,7 +245,7 @@ def _unit(name: str, experiment: Experiment, option: str) -> str:
     """SI unit of a parameter."""
     if "." in name:
         return _of_effect(name, option).unit
-    if name.removeprefix("wall_") in PARAMETERS:
+    if of_contact(name) in PARAMETERS:
         return "1"
     if name in OF_PARTICLE:
         return DIMENSIONS[OF_PARTICLE[name]][0]
@@ -232,10 +259,10 @@ def _value(name: str, text: str, experiment: Experiment, option: str) -> float:
     """A value of a parameter in SI."""
     if "." in name:
         return si(text, "number", name=f"{option} {name}")
-    if name.removeprefix("wall_") in PARAMETERS or name in OF_PARTICLE:
+    if of_contact(name) in PARAMETERS or name in OF_PARTICLE:
         value = si(text, OF_PARTICLE.get(name, "number"), name=f"{option} {name}")
-        zero_is_possible = name.endswith("friction")
-        if value < 0 or (value == 0 and not zero_is_possible) or (name.endswith("restitution") and value > 1):
+        zero_is_possible = of_contact(name).endswith("friction")
+        if value < 0 or (value == 0 and not zero_is_possible) or (of_contact(name) == "restitution" and value > 1):
             raise BadInput(f"{option}: {name} cannot be {text}.")
         return value
     from pydantic import TypeAdapter, ValidationError

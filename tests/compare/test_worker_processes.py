@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 ASKS = """
@@ -57,3 +58,62 @@ def test_no_worker_outlives_the_process_that_is_killed(end, tmp_path):
     asking.send_signal(end)
     asking.wait()
     assert until(lambda: rests(written), 30)
+
+
+def workers(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    children = psutil.Process(process.pid).children()
+    return [one for one in children if any("spawn_main" in word for word in one.cmdline())]
+
+
+LAB = """\
+[[experiments]]
+id = "drop"
+rig = "drop"
+particle = "D6"
+wall = "steel"
+drop_height = "264 mm"
+repetitions = ["r01.mp4"]
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    ("arguments", "work", "less"),
+    [
+        (["compare", "lab"], "measured a repetition", "give shorter clips or smaller photos"),
+        (
+            [
+                "sweep",
+                "packing",
+                "--set",
+                "cylinder_diameter=45mm",
+                "--count",
+                "20000",
+                "--vary",
+                "static_friction=0.1,0.5",
+            ],
+            "ran a twin",
+            "use fewer --workers",
+        ),
+    ],
+    ids=["compare", "sweep"],
+)
+def test_a_worker_that_is_killed_ends_the_command_with_one_sentence_and_no_other_worker(
+    arguments, work, less, tmp_path
+):
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "lab" / "lab.toml").write_text(LAB)
+    (tmp_path / "lab" / "r01.mp4").symlink_to(Path(__file__).parents[2] / "sample_media" / "drop" / "r01.mp4")
+    outside = ["--allow-outside"] if arguments[0] == "compare" else ["--workers", "2"]
+    command = [sys.executable, "-m", "rigtwin", *arguments, *outside, "--out", "out"]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert until(lambda: workers(process), 60)
+    started = workers(process)
+    started[0].kill()
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (2, "")
+    assert err == (
+        f"rigtwin: a process that {work} ended without a result, most likely because memory ran out; "
+        f"close other programs and run again, or {less}.\n"
+    )
+    assert until(lambda: not any(one.is_running() for one in started), 30)

@@ -1,6 +1,7 @@
 """Calibration: emulators, posterior, and parameters recovered from a lab of simulated records."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ from rigtwin.cli import run
 from rigtwin.compare.campaign import emulator as emulators
 from rigtwin.compare.campaign.posterior import Parameter, Posterior, Target, sample
 from rigtwin.lab.file.model_file import read_model
+from rigtwin.lab.quantity import Quantity
 
 
 @pytest.fixture(scope="module")
@@ -100,3 +102,90 @@ def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path
 def test_bad_input_is_one_sentence(more, why, lab, tmp_path, capsys):
     assert run(["calibrate", str(lab), *more, "--out", str(tmp_path / "out")]) == 2
     assert why in capsys.readouterr().err
+
+
+ONE_RIG = """
+[[experiments]]
+id = "drum"
+rig = "drum"
+particle = "D6"
+wall = "PMMA"
+drum_diameter = "100 mm"
+depth = "30 mm"
+fill = 0.35
+speed = "6 rpm"
+[experiments.measured]
+angle_of_repose_geometric = "33 +- 0.6 deg (n = 5)"
+"""
+
+
+def closed_form(*, rig, contacts, seed, **_):
+    """A drum shows the product of two frictions, a bed the first of them, and a heap neither."""
+    static, rolling = next(
+        (one["static_friction"], one["rolling_friction"]) for one in contacts if one["pair"] == ["D6", "D6"]
+    )
+    off = 0.2 * np.random.default_rng(seed).normal()
+    angle = 33 + 4 * np.log(static * rolling / 0.02) + off
+    found = {
+        "drum": [Quantity("angle_of_repose_geometric", angle, 0.1, "deg", "chord, wall to wall")],
+        "packing": [Quantity("bed_height", 0.05 + 0.02 * static + 1e-3 * off, 1e-4, "m", "surface bead tops")],
+        "pile": [Quantity("angle_of_repose_geometric", 30 + off, 0.1, "deg", "apex")],
+    }
+    return {"quantities": [asdict(one) for one in found.get(rig, [])], "warnings": [], "wall_s": 0.0}
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_the_experiment_that_separates_equally_good_sets_is_found(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
+    (tmp_path / "lab.toml").write_text(ONE_RIG, encoding="utf-8")
+    assert run(["calibrate", str(tmp_path), "--budget", "45", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert any("cannot be separated" in sentence for sentence in found["ambiguous"])
+    best, *others = found["next_experiments"]
+    assert best["quantity"] == "bed_height"
+    assert best["apart"] > 5
+    assert all(row["apart"] < 2 for row in others), "the heap does not depend on either friction"
+    page = (tmp_path / "calibration" / "calibration.html").read_text(encoding="utf-8")
+    assert "Experiments that would separate" in page
+    assert "screening" in " ".join(path.name for path in (tmp_path / "calibration").iterdir())
+    assert run(["calibrate", str(tmp_path), "--budget", "17", "--json"]) == 0
+    (said,) = (one for one in json.loads(capsys.readouterr().out)["remarks"] if "--budget" in one)
+    assert "further experiment" in said
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_parameter_that_nothing_measured_depends_on_is_named(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
+    (tmp_path / "lab.toml").write_text(ONE_RIG, encoding="utf-8")
+    asked = ["calibrate", str(tmp_path), "--fit", "static_friction", "--fit", "wall_restitution=0.1..0.9"]
+    assert run([*asked, "--budget", "15", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert "wall_restitution is not determined: no measured quantity depends on it visibly" in found["ambiguous"]
+
+
+BED = """
+[[experiments]]
+id = "bed"
+rig = "packing"
+particle = "D6"
+wall = "steel"
+cylinder_diameter = "50 mm"
+count = 400
+[experiments.measured]
+bed_height = "60 +- 1 mm (n = 5)"
+"""
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_contacts_of_a_kind_are_named_with_their_pair(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
+    (tmp_path / "lab.toml").write_text(ONE_RIG + BED, encoding="utf-8")
+    assert run(["calibrate", str(tmp_path), "--fit", "wall_static_friction"]) == 2
+    assert "static_friction@D6-PMMA, static_friction@D6-steel" in capsys.readouterr().err
+    wanted = ("static_friction", "rolling_friction", "static_friction@D6-steel=0.1..0.9")
+    asked = [word for name in wanted for word in ("--fit", name)]
+    assert run(["calibrate", str(tmp_path), *asked, "--budget", "30", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["best"]["static_friction"] == pytest.approx(0.5, abs=0.05)
+    model = read_model(tmp_path / "calibration" / "model.toml")
+    assert model.known_contact("steel", "D6").static_friction == found["best"]["static_friction@D6-steel"]

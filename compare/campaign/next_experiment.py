@@ -1,0 +1,118 @@
+"""The further experiment that would separate sets of parameters that fit equally well."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigtwin.compare.campaign.search import Search, State, results_of
+from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
+from rigtwin.compare.campaign.vary import Setting, applies, at
+from rigtwin.compare.deviation import is_result, key_of
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, PileSettings, RigSettings
+
+if TYPE_CHECKING:
+    from rigtwin.compare.campaign.campaign import Campaign
+    from rigtwin.compare.campaign.run import Result, Run
+    from rigtwin.lab.arrays import Array
+    from rigtwin.lab.progress import Progress
+
+SEEDS = 2  # runs of each candidate with each set
+REPETITIONS = 3  # that the further experiment would have
+READ = 0.02  # relative standard uncertainty with which a result is read, beside its scatter
+ENDS = 0.05  # share of the samples at each end of the family of sets
+
+
+def candidates(search: Search) -> list[Experiment]:
+    """A small packing, heap, drum and hopper of the fitted particle, but for rigs that are fitted already."""
+    known = search.fitted[0]
+    d = known.particle.diameter
+    rigs: dict[str, RigSettings] = {
+        f"packing, cylinder {8e3 * d:.3g} mm": PackingSettings(8 * d, count=400),
+        f"pile, base {14e3 * d:.3g} mm, rim {1.5e3 * d:.3g} mm": PileSettings(14 * d, 1.5 * d, count=700),
+        f"drum {16e3 * d:.3g} mm, depth {5e3 * d:.3g} mm, 35 % full, 6 rpm": DrumSettings(
+            16 * d, 6 * math.pi / 30, depth=5 * d, fill=0.35
+        ),
+        f"slot hopper, outlet {5e3 * d:.3g} mm, depth {8e3 * d:.3g} mm, 600 particles": HopperSettings(
+            "slot", depth=8 * d, outlet=5 * d, bin_width=16 * d, count=600
+        ),
+    }
+    there = {one.rig_name for one in search.fitted}
+    return [
+        Experiment(name, rig, known.particle, known.wall, Camera(), ())
+        for name, rig in rigs.items()
+        if rig.name not in there
+    ]
+
+
+def runs_needed(search: Search) -> int:
+    """Number of runs of `next_experiments`."""
+    return 2 * SEEDS * len(candidates(search))
+
+
+def next_experiments(search: Search, found: State, campaign: Campaign, progress: Progress) -> list[dict[str, Any]]:
+    """How far apart two sets that fit are in each candidate, the most separating quantity of each first.
+
+    The sets are likely ones from both ends of the family, along the longest axis of the samples.  They are `apart` by
+    the difference of their twins over the standard uncertainty of a mean of three repetitions, scatter from seed to
+    seed and 2 % reading included.
+    """
+    ends = _ends(found.samples, found.density)
+    runs: dict[tuple[str, int, int], Run] = {}
+    for one in candidates(search):
+        for k, point in enumerate(ends):
+            values = {p.name: float(p.value(point[i])) for i, p in enumerate(search.parameters)}
+            mine = {name: value for name, value in values.items() if applies(name, one)}
+            for j in range(SEEDS):
+                name = f"next-{one.rig_name}-set-{k}-seed-{j}"
+                moved = at(Setting(one, search.lab.model), mine)
+                runs[one.id, k, j] = twin_run(name, *moved, seed=search.seed + j, **search.options)
+    done = results_of(list(runs.values()), campaign, progress, "candidates for a further experiment")
+    found.runs += len(runs)
+    rows = []
+    for one in candidates(search):
+        sets = [[done.results.get(runs[one.id, k, j].name) for j in range(SEEDS)] for k in range(2)]
+        if all(result is not None for results in sets for result in results):
+            rows += sorted(_rows(one, sets), key=lambda row: -row["apart"])[:1]
+    return sorted(rows, key=lambda row: -row["apart"])
+
+
+def _ends(samples: Array, density: Array) -> list[Array]:
+    """A likely sample from each end of the longest axis."""
+    centred = samples - samples.mean(axis=0)
+    axis = np.linalg.svd(centred[:: max(1, len(centred) // 2000)], full_matrices=False)[2][0]
+    order = np.argsort(centred @ axis)
+    number = max(1, int(ENDS * len(order)))
+    return [samples[group[int(np.argmax(density[group]))]] for group in (order[:number], order[-number:])]
+
+
+def _rows(experiment: Experiment, sets: list[list[Result | None]]) -> Iterator[dict[str, Any]]:
+    tables: list[list[Mapping[Any, float]]] = [
+        [
+            {
+                key_of(one): one.value
+                for one in quantities_of(dict(result or {}))
+                if is_result(one.quantity, one.detail.get("side")) and not one.doubtful and math.isfinite(one.value)
+            }
+            for result in results
+        ]
+        for results in sets
+    ]
+    every = [table for tables_of_set in tables for table in tables_of_set]
+    for key in every[0]:
+        if not all(key in table for table in every):
+            continue
+        values = np.array([[table[key] for table in tables_of_set] for tables_of_set in tables])
+        one, other = values.mean(axis=1)
+        scatter = math.sqrt(float(np.mean(values.var(axis=1, ddof=1))))
+        read = READ * abs(one + other) / 2
+        off = math.hypot(scatter, read) / math.sqrt(REPETITIONS)
+        yield {
+            "experiment": experiment.id, "quantity": key[0], "method": key[1], "unit": key[2], "one": float(one),
+            "other": float(other), "apart": abs(float(one - other)) / off if off > 0 else 0.0,
+        }  # fmt: skip
