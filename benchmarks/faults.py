@@ -44,7 +44,9 @@ LONGEST = 300  # [s], of one command
 
 CLIP = Path(__file__).resolve().parent.parent / "sample_media" / "drop" / "r01.mp4"
 MEASURE = ("--frame-rate", "240Hz", "--bead-diameter", "6mm", "--quiet")
-SIMULATE = ("simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", "150", "--quiet")
+SIMULATE = (
+    "simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", "150", "--threads", "1", "--quiet",
+)  # fmt: skip
 SWEEP = (
     "sweep", "packing", "--set", "cylinder_diameter=40mm", "--wall", "PMMA", "--count", "60",
     "--vary", "static_friction=0.1,0.3,0.5,0.7", "--workers", "2", "--quiet",

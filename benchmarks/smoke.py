@@ -44,10 +44,10 @@ class Script:
 # those that take longest begin first
 SCRIPTS = (
     Script("faults", 15, "faults.py"),
-    Script("decks", 5, "engine/decks.py"),
     Script("bench-guards", 200, "measure/guards.py"),
     Script("bench-bulk-footage", 25, "measure/hard_bulk.py"),
     Script("bench-footage", 30, "measure/hard_footage.py"),
+    Script("decks", 5, "engine/decks.py"),
     Script("bench", 26, "engine/speed.py"),
     Script("bench-measure", 100, "measure/accuracy.py"),
     Script("verify", 210, "engine/verify.py"),

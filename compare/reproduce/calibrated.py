@@ -171,7 +171,7 @@ def reproduce_calibrated(
         "calibrated_sets.csv": result_files.table(calibrated.sets, SET_COLUMNS),
         "calibrated.json": result_files.document(calibrated.to_json()),
     }
-    result_files.write_together(out, contents)
+    result_files.write_in_turn(out, contents)
     return calibrated
 
 

@@ -120,7 +120,7 @@ angle_of_repose_geometric = "33 +- 0.6 deg (n = 5)"
 
 
 def closed_form(*, rig, contacts, seed, **_):
-    """A drum that tells the product of two frictions, a bed that tells the first, and a heap that tells nothing."""
+    """A drum shows the product of two frictions, a bed the first of them, and a heap neither."""
     static, rolling = next(
         (one["static_friction"], one["rolling_friction"]) for one in contacts if one["pair"] == ["D6", "D6"]
     )
