@@ -76,7 +76,7 @@ bench-decks: $(READY)
 bench-calibrate: $(READY)
 	$(BIN)/python benchmarks/calibrate/recovery.py
 
-# SEED=7 COUNT=10 make faults: kills, a full disk, two runs in one folder; some twenty minutes
+# SEED=7 COUNT=10 make faults: 60 kills and 24 double Ctrl-C of six commands, a full disk, two runs in one folder; half an hour
 faults: $(READY)
 	$(BIN)/python benchmarks/faults.py
 
