@@ -121,6 +121,8 @@ def sample(
     sampler = emcee.EnsembleSampler(
         WALKERS, len(parameters), log_posterior, args=(parameters, targets, emulators), vectorize=True
     )
+    # emcee's own wrapper prints arguments and traceback of every exception, Ctrl-C included, partly on stdout
+    sampler.log_prob_fn = lambda places: log_posterior(places, parameters, targets, emulators)
     sampler.random_state = np.random.RandomState(seed).get_state()
     sampler.run_mcmc(first, STEPS, skip_initial_state_check=True)
     return sampler.get_chain(discard=BURNT, thin=5, flat=True), sampler.get_log_prob(discard=BURNT, thin=5, flat=True)
