@@ -88,7 +88,7 @@ bench-campaign: $(READY)
 bench-sweep: $(READY)
 	$(BIN)/python benchmarks/campaign/sweep_speed.py
 
-# SEED=7 COUNT=10 make faults: kills, a full disk, two runs in one folder; some twenty minutes
+# SEED=7 COUNT=10 make faults: 60 kills and 24 double Ctrl-C of six commands, a full disk, two runs in one folder; half an hour
 faults: $(READY)
 	$(BIN)/python benchmarks/faults.py
 

@@ -232,8 +232,8 @@ def main() -> None:
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
     signal.signal(signal.SIGINT, _Interrupts())
     code = run(sys.argv[1:])
-    if code != 130:  # what is left is the end of Python, which Ctrl-C may cut short
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # what is left is the end of Python, which Ctrl-C may cut short, but not to change the exit code of an interrupt
+    signal.signal(signal.SIGINT, signal.SIG_IGN if code == 130 else signal.SIG_DFL)
     sys.exit(code)
 
 

@@ -301,9 +301,7 @@ def tasks(place: Path) -> Iterator[Task]:
     calibrate = content("posterior.csv", "model.toml")
     yield Task("calibrate", lambda out: ["calibrate", bed, *CALIBRATE, "--out", out], calibrate, first=FEW_STEPS)
     yield Task("diagnose", lambda out: ["diagnose", tracks, "--quiet", "--out", out], diagnosis)
-    yield Task(
-        "reproduce", lambda out: [*REPRODUCE, "--out", out], content("cells.csv"), prepare=all_but_one(place / "first")
-    )
+    yield Task("reproduce", lambda out: [*REPRODUCE, "--out", out], cells, prepare=all_but_one(place / "first"))
 
 
 def a_bed(folder: Path) -> Path:
@@ -336,6 +334,12 @@ def diagnosis(folder: Path) -> object:
     """A diagnosis without what depends on the folder and the machine."""
     found = json.loads((folder / "diagnosis.json").read_text())
     return {name: value for name, value in found.items() if name != "cpu_seconds"}
+
+
+def cells(folder: Path) -> object:
+    """The cells of a table without the run times."""
+    lines = (folder / "cells.csv").read_text().splitlines()
+    return [line for line in lines if ",seconds_per_particle," not in line]
 
 
 def all_but_one(place: Path) -> Callable[[Path], None]:

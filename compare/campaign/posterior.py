@@ -232,6 +232,8 @@ def sample(posterior: Posterior, *, seed: int, most: int = STEPS) -> tuple[Array
     weights = np.exp(np.maximum(falloff, -500.0))  # none is zero, so that all walkers find a start
     first = chosen[random.choice(len(chosen), WALKERS, replace=False, p=weights / weights.sum())]
     sampler = emcee.EnsembleSampler(WALKERS, dimensions, posterior.log_density, vectorize=True)
+    # emcee's own wrapper prints arguments and traceback of every exception, Ctrl-C included, partly on stdout
+    sampler.log_prob_fn = posterior.log_density
     sampler.random_state = np.random.RandomState(seed).get_state()
     state, longest = first, math.inf
     while sampler.iteration < most and sampler.iteration < CONVERGED * longest:

@@ -1,5 +1,6 @@
 """Worker processes end with the process that started them."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -116,4 +117,23 @@ def test_a_worker_that_is_killed_ends_the_command_with_one_sentence_and_no_other
         f"rigtwin: a process that {work} ended without a result, most likely because memory ran out; "
         f"close other programs and run again, or {less}.\n"
     )
+    assert until(lambda: not any(one.is_running() for one in started), 30)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_twice_ends_with_one_sentence_and_no_worker(tmp_path):
+    sweep = ["sweep", "packing", "--set", "cylinder_diameter=45mm", "--count", "20000"]
+    command = [sys.executable, "-m", "rigtwin", *sweep, "--vary", "static_friction=0.1,0.5", "--out", "out"]
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert until(lambda: workers(process), 60)
+    started = workers(process)
+    for _ in range(2):
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(0.02)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out) == (130, "")
+    assert err.startswith("rigtwin: interrupted; 0 of 2 runs are kept in out/runs")
+    assert err.count("\n") == 1
     assert until(lambda: not any(one.is_running() for one in started), 30)
