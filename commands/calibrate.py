@@ -41,7 +41,7 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
             f"{row['one']:.4g} or {row['other']:.4g} {row['unit']}, {row['apart']:.1f} standard deviations apart"
         )
     for row in found.predictions:
-        if "component" in row["method"]:  # a number without a meaning of its own
+        if row["curve"]:  # a number without a meaning of its own
             continue
         kind = "held out" if row["held_out"] else "fitted"
         percent = "" if row["percent_deviation"] is None else f" ({row['percent_deviation']:+.1f} %)"
@@ -57,10 +57,7 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
             if worst is None
             else f"; {worst['quantity']} of {worst['experiment']} is {abs(worst['z']):.1f} standard deviations off"
         )
-        typer.echo(
-            f"no set fits (chi-square {found.misfit[0]:.1f}, probability {found.misfit[1]:.2g}){most}. "
-            "Something is missing from the model, or a measurement is wrong."
-        )
+        typer.echo(f"{found.no_fit}{most}")
     for remark in found.remarks:
         typer.echo(f"warning: {remark}")
     typer.echo(f"{found.runs} runs; {found.stopped}; wrote {found.files['calibration.json'].parent}")

@@ -19,7 +19,7 @@ from rigtwin.compare.campaign.campaign import Campaign
 from rigtwin.compare.campaign.next_experiment import next_experiments, runs_needed
 from rigtwin.compare.campaign.posterior import Parameter, Target
 from rigtwin.compare.campaign.runners import runner
-from rigtwin.compare.campaign.search import Search, State
+from rigtwin.compare.campaign.search import SPENT, Search, State
 from rigtwin.compare.campaign.store import Store
 from rigtwin.compare.campaign.vary import applies, contact_pair, names, of_contact, of_pairs, parse
 from rigtwin.compare.deviation import Deviation, deviations, is_result
@@ -162,13 +162,21 @@ def calibrate_lab(
 
     bulk, fitted = _to_fit(lab, hold_out)
     quantities = {name: found.quantities for name, found in measured.items()}
-    parameters = tuple(_parameters(fit, lab, fitted, quantities))
     targets = {one.id: _targets(one, quantities[one.id], reading or {}) for one in bulk}
     if not any(targets[one.id] for one in fitted):
         raise BadInput(
             f"{lab.path}: nothing that the twins give was measured in {', '.join(one.id for one in fitted)}."
         )
+    left_out = [
+        f"{one.id} was not fitted: nothing that its twin gives was measured" for one in fitted if not targets[one.id]
+    ]
+    left_out += [
+        f"{name}: {failure.source.name} was left out: {failure.message}"
+        for name, found in measured.items()
+        for failure in found.failures
+    ]
     fitted = [one for one in fitted if targets[one.id]]
+    parameters = tuple(_parameters(fit, lab, fitted, quantities))
     records = {name: found.measurements for name, found in measured.items()}
     search = Search(lab, fitted, parameters, targets, records, budget, seed, options or {})
     # the matrices are small: more threads would only wait for each other, and the twins need the cores
@@ -178,8 +186,9 @@ def calibrate_lab(
         held = [one for one in bulk if one.id in hold_out]
         predictions = tuple(search.predictions(found, held, campaign, progress))
         calibration = calibration_of(search, found, predictions)
-        if calibration.ambiguous:
+        if calibration.ambiguous and calibration.fits:
             calibration = _with_next_experiments(calibration, search, found, campaign, progress)
+    calibration = replace(calibration, remarks=(*left_out, *calibration.remarks))
     drawn = figures(calibration)
     page = filled("calibration.html", found=calibration, figures=drawn, title=title)
     contents = {
@@ -205,8 +214,13 @@ def _with_next_experiments(
     if not needed:
         return calibration
     if found.runs + needed > search.budget:
-        budget = found.runs + needed
-        remark = f"--budget {budget} would also simulate which further experiment separates the sets that fit"
+        remark = (
+            f"--budget {found.runs + needed} would also simulate which further experiment separates the sets that fit"
+        )
+        if found.stopped == SPENT:  # a larger budget goes into the search first
+            remark = (
+                f"which further experiment separates the sets that fit takes {needed} more runs; give a larger --budget"
+            )
         return replace(calibration, remarks=(*calibration.remarks, remark))
     following = next_experiments(search, found, campaign, progress)
     return replace(calibration, next_experiments=tuple(following), runs=found.runs)
@@ -228,12 +242,9 @@ def _to_fit(lab: Lab, hold_out: Sequence[str]) -> tuple[list[Experiment], list[E
 def _parameters(
     fit: Sequence[str] | None, lab: Lab, fitted: Sequence[Experiment], measured: Mapping[str, Sequence[Quantity]]
 ) -> Iterator[Parameter]:
-    seen: set[str] = set()
+    seen: dict[Any, str] = {}
     for text in fit or ("static_friction", "rolling_friction"):
         name, ranged, _ = (part.strip() for part in text.partition("="))
-        if name in seen:
-            raise BadInput(f"--fit: {name} is given twice; take one of them out.")
-        seen.add(name)
         takers = [one for one in fitted if applies(name, one)]
         if not takers:
             known_names = dict.fromkeys(known for one in fitted for known in (*names(one), *of_pairs(one)))
@@ -245,6 +256,10 @@ def _parameters(
         if of_contact(name) in PARAMETERS and len(pairs) > 1:
             each = [f"{of_contact(name)}@{'-'.join(one)}" for one in pairs]
             raise BadInput(f"--fit: {name} would be one value of several contacts; name them: {', '.join(each)}.")
+        meant = (of_contact(name), *pairs) if of_contact(name) in PARAMETERS else name
+        if meant in seen:
+            raise BadInput(f"--fit: {seen[meant]} and {name} are the same parameter; take one of them out.")
+        seen[meant] = name
         known = _measured_value(name, lab, takers[0], measured)
         if ranged:
             varied = parse(text, takers[0], option="--fit")

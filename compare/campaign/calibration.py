@@ -14,7 +14,7 @@ from rigtwin.compare.campaign.posterior import CONVERGED, Parameter, Target
 from rigtwin.compare.campaign.search import Search, State
 from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, applies, at, of_contact
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.file.lab_file import Lab
+from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.materials import PARAMETERS
 
@@ -49,6 +49,20 @@ class Calibration:
         return self.misfit[1] >= MISFIT
 
     @property
+    def tested(self) -> bool:
+        """Whether there are more measurements than parameters, so that the fit says something of the model."""
+        return len(self.targets) > sum(one.mean is None for one in self.parameters)
+
+    @property
+    def no_fit(self) -> str:
+        """What it means where no set fits."""
+        square, probability = self.misfit
+        return (
+            f"no set within the ranges fits (chi-square {square:.1f}, probability {probability:.2g}): a range may "
+            "be too narrow, an effect missing from the model, or a stated setting or a measurement wrong"
+        )
+
+    @property
     def intervals(self) -> dict[str, dict[str, float]]:
         """Median, standard deviation and 95 % credible interval of each parameter."""
         found = {}
@@ -71,14 +85,18 @@ class Calibration:
     def ambiguous(self) -> list[str]:
         """Sentences on parameters that these experiments do not separate or do not determine."""
         said = [
-            f"{names} cannot be separated (correlation {value:.2f}): families of sets fit equally well"
+            f"{names}: these experiments do not separate them (correlation {value:.2f}); a family of sets fits alike"
             for names, value in self.correlations.items()
             if abs(value) > TIED
         ]
         for k, (one, scaled) in enumerate(zip(self.parameters, self._scaled, strict=True)):
             if one.mean is None and np.std(scaled) > WIDE:
-                weak = bool((self.sensitivities[:, k] < WEAK).all())
-                why = "no measured quantity depends on it visibly" if weak else "its posterior is as wide as its range"
+                width = 100 * float(np.std(scaled))
+                why = (
+                    f"its posterior has a standard deviation of {width:.0f} % of its range (29 % if nothing is learned)"
+                )
+                if (self.sensitivities[:, k] < WEAK).all():
+                    why = f"alone it causes less than {100 * WEAK:g} % of the variance of each measured quantity"
                 said.append(f"{one.name} is not determined: {why}")
         return said
 
@@ -98,6 +116,7 @@ class Calibration:
         return {
             "lab": str(self.lab.path),
             "fits": self.fits,
+            "tested": self.tested,
             "chi_square": self.misfit[0],
             "probability": self.misfit[1],
             "best": dict(self.best),
@@ -158,14 +177,24 @@ def _best_model(search: Search, best: Mapping[str, float]) -> Model:
     return model
 
 
+def _at_best(search: Search, best: Mapping[str, float]) -> Experiment:
+    """The first fitted experiment with the best set."""
+    experiment = search.fitted[0]
+    mine = {name: value for name, value in best.items() if applies(name, experiment)}
+    return at(Setting(experiment, search.lab.model), mine).experiment
+
+
 def _remarks(search: Search, found: State, best: Mapping[str, float]) -> Iterator[str]:
     for name, value in best.items():
         if "." not in name and of_contact(name) not in PARAMETERS:
-            whose = "the particle" if name in OF_PARTICLE else "the rig"
-            yield (
-                f"`compare --model` takes contacts and effects from model.toml; state {name} = {value:.5g} (SI) of "
-                f"{whose} in lab.toml"
-            )
+            particle = _at_best(search, best).particle
+            what = f"{name} = {value:.5g} (SI) of the rig"
+            if name in OF_PARTICLE:
+                what = f"{name} = {value:.5g} (SI) of the particle"
+            if name == "scale":
+                density = particle.effective_density
+                what = f"diameter = {1e3 * particle.diameter:.5g} mm, density = {density:.5g} kg/m^3 of the particle"
+            yield f"`compare --model` takes contacts and effects from model.toml; state {what} in lab.toml"
     if found.failures:
         yield f"{len(found.failures)} twins failed, the first: {next(iter(found.failures.values()))}"
     for target in found.left_out:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rigtwin.compare.campaign.posterior import Target
+from rigtwin.compare.campaign.twin_runs import twin_from
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.lab.records import Profile, Series
 
 if TYPE_CHECKING:
     from rigtwin.compare.campaign.run import Result
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.quantity import Measurement
 
+OF_CURVE = " of the curve"
 COMPONENTS = 2  # of a curve
 LEAST = 0.05  # share of the variance among twins that a component has at least
 POINTS = 60  # of a curve
@@ -66,7 +66,7 @@ class CurveTargets:
 
     def values(self, result: Result) -> dict[tuple[str, str], float]:
         """The components of a twin's curves, by quantity and method of their target."""
-        scores = self._scores([], [_twin(result)])
+        scores = self._scores([], [twin_from(result)])
         return {(what, _method(k)): float(value) for what, row in scores.items() for k, value in enumerate(row)}
 
     def _scores(self, measured: Sequence[Any], twins: Sequence[Any]) -> dict[str, Array]:
@@ -86,7 +86,9 @@ def curve_targets(experiment: Experiment, measured: Sequence[Measurement], resul
     """
     from sklearn.decomposition import PCA
 
-    twins = [_twin(result) for result in results]
+    if not measured:
+        return CurveTargets(experiment, measured, {})
+    twins = [twin_from(result) for result in results]
     components = {}
     for shape in _overlays(experiment, measured, twins):
         if not (shape.measured and shape.simulated and shape.meet):
@@ -103,7 +105,12 @@ def curve_targets(experiment: Experiment, measured: Sequence[Measurement], resul
 
 
 def _method(k: int) -> str:
-    return f"component {k + 1} of the curve"
+    return f"component {k + 1}{OF_CURVE}"
+
+
+def is_component(method: str) -> bool:
+    """Whether a method is that of a component of a curve, whose number means nothing by itself."""
+    return method.endswith(OF_CURVE)
 
 
 def _overlays(experiment: Experiment, measured: Sequence[Any], twins: Sequence[Any]) -> list[Overlay]:
@@ -122,16 +129,3 @@ def _mean(curves: Sequence[Curve], x: Array) -> Array:
         order = np.argsort(curve.x[known], kind="stable")
         rows.append(np.interp(x, curve.x[known][order], curve.y[known][order]) if known.any() else np.nan * x)
     return np.asarray(np.mean(rows, axis=0))
-
-
-def _twin(result: Result) -> Any:
-    """The curves of a finished twin."""
-    count = sum(name.startswith("profile_") and name.endswith("_x") for name in result)
-    profiles = [
-        Profile(x, result[f"profile_{k}_height"], np.zeros_like(x))
-        for k in range(1, count + 1)
-        if (x := np.asarray(result[f"profile_{k}_x"])) is not None
-    ]
-    names = [name.removesuffix("_value") for name in result if name.endswith("_value")]
-    series = [Series(result[f"{name}_time"], result[f"{name}_value"], name, "1") for name in names]
-    return SimpleNamespace(profiles=tuple(profiles), series=tuple(series), tracks=())

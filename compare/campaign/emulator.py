@@ -11,7 +11,7 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 
 SHORTEST, LONGEST = 0.15, 10.0  # bounds of a correlation length, over the range of a parameter
-LEAST_NOISE, MOST_NOISE = 1e-4, 0.5  # bounds of the variance of the scatter, over that of the values
+LEAST_NOISE, MOST_NOISE = 1e-4, 1.0  # bounds of the variance of the scatter, over that of the values
 RESTARTS = 3  # of the fit of the correlation lengths
 
 
@@ -127,11 +127,13 @@ def main_effects(emulator: Emulator, parameters: int, *, seed: int, number: int 
 
     points = qmc.Sobol(2 * parameters, rng=seed).random(number)
     one, other = points[:, :parameters], points[:, parameters:]
-    at_one, at_other = emulator.predict(one)[0], emulator.predict(other)[0]
+    at_one, at_other = (emulator.predict(points)[0] - emulator.mean for points in (one, other))
     whole = np.var(np.concatenate([at_one, at_other]))
     found = np.empty(parameters)
     for k in range(parameters):
         mixed = one.copy()
         mixed[:, k] = other[:, k]
-        found[k] = np.mean(at_other * (emulator.predict(mixed)[0] - at_one)) / whole if whole > 0 else 0.0
+        found[k] = (
+            np.mean(at_other * (emulator.predict(mixed)[0] - emulator.mean - at_one)) / whole if whole > 0 else 0.0
+        )
     return np.clip(found, 0.0, 1.0)

@@ -10,10 +10,11 @@ import numpy as np
 
 from rigtwin.compare.campaign.search import Search, State, results_of
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import Setting, applies, at
+from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, applies, at, of_contact
 from rigtwin.compare.deviation import is_result, key_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.materials import PARAMETERS
 from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, PileSettings, RigSettings
 
 if TYPE_CHECKING:
@@ -60,14 +61,14 @@ def next_experiments(search: Search, found: State, campaign: Campaign, progress:
 
     The sets are likely ones from both ends of the family, along the longest axis of the samples.  They are `apart` by
     the difference of their twins over the standard uncertainty of a mean of three repetitions, scatter from seed to
-    seed and 2 % reading included.
+    seed, the twins' own scatter and 2 % reading included.
     """
     ends = _ends(found.samples, found.density)
     runs: dict[tuple[str, int, int], Run] = {}
     for one in candidates(search):
         for k, point in enumerate(ends):
             values = {p.name: float(p.value(point[i])) for i, p in enumerate(search.parameters)}
-            mine = {name: value for name, value in values.items() if applies(name, one)}
+            mine = {name: value for name, value in values.items() if applies(name, one) and not _of_rig(name)}
             for j in range(SEEDS):
                 name = f"next-{one.rig_name}-set-{k}-seed-{j}"
                 moved = at(Setting(one, search.lab.model), mine)
@@ -80,6 +81,11 @@ def next_experiments(search: Search, found: State, campaign: Campaign, progress:
         if all(result is not None for results in sets for result in results):
             rows += sorted(_rows(one, sets), key=lambda row: -row["apart"])[:1]
     return sorted(rows, key=lambda row: -row["apart"])
+
+
+def _of_rig(name: str) -> bool:
+    """Whether a parameter is a setting of a fitted rig, which another rig does not share."""
+    return "." not in name and of_contact(name) not in PARAMETERS and name not in OF_PARTICLE
 
 
 def _ends(samples: Array, density: Array) -> list[Array]:
@@ -111,7 +117,8 @@ def _rows(experiment: Experiment, sets: list[list[Result | None]]) -> Iterator[d
         one, other = values.mean(axis=1)
         scatter = math.sqrt(float(np.mean(values.var(axis=1, ddof=1))))
         read = READ * abs(one + other) / 2
-        off = math.hypot(scatter, read) / math.sqrt(REPETITIONS)
+        # the repetitions share what is read wrongly, and the two twins scatter, too
+        off = math.sqrt(read**2 + scatter**2 / REPETITIONS + 2 * scatter**2 / SEEDS)
         yield {
             "experiment": experiment.id, "quantity": key[0], "method": key[1], "unit": key[2], "one": float(one),
             "other": float(other), "apart": abs(float(one - other)) / off if off > 0 else 0.0,

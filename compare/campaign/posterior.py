@@ -15,6 +15,7 @@ WALKERS = 32
 STEPS, MOST_STEPS = 900, 7200  # of a walker
 CONVERGED = 50  # autocorrelation times after which a chain counts as converged, as emcee's documentation has it
 THINNED = 5
+OFTEN = 0.8  # share of the twins that give a quantity, from which its correlation is taken
 POOLED = 4  # degrees of freedom of the twin's scatter, beside those of the repetitions
 LOGARITHMIC = 8.0  # ratio of the ends of a range above which its logarithm is uniform
 
@@ -98,7 +99,8 @@ def correlation(targets: Sequence[Target], residuals: Mapping[Target, Array]) ->
     """Correlation of the scatter of the targets from run to run, shape (k, k).
 
     Quantities read from the same heap err together.  Their correlation is that of the emulators' residuals over the
-    runs of an experiment, shrunk towards none (Ledoit & Wolf 2004); other experiments are independent.
+    runs of an experiment, shrunk towards none (Ledoit & Wolf 2004); other experiments are independent, and so is a
+    quantity that fewer than four of five twins give.
     """
     from sklearn.covariance import LedoitWolf
 
@@ -106,6 +108,8 @@ def correlation(targets: Sequence[Target], residuals: Mapping[Target, Array]) ->
     for experiment in dict.fromkeys(target.experiment for target in targets):
         mine = [k for k, target in enumerate(targets) if target.experiment == experiment]
         rows = np.array([residuals[targets[k]] for k in mine]).T
+        often = np.isfinite(rows).mean(axis=0) >= OFTEN
+        mine, rows = [k for k, one in zip(mine, often, strict=True) if one], rows[:, often]
         rows = rows[np.isfinite(rows).all(axis=1)]
         spread = rows.std(axis=0) if len(rows) else np.zeros(len(mine))
         varied = [k for k, one in zip(mine, spread, strict=True) if one > 0]
@@ -116,6 +120,19 @@ def correlation(targets: Sequence[Target], residuals: Mapping[Target, Array]) ->
         deviation = np.sqrt(np.diag(shrunk))
         found[np.ix_(varied, varied)] = shrunk / np.outer(deviation, deviation)
     return found
+
+
+def scatter(target: Target, twin_std: float) -> float:
+    """Standard uncertainty of a measured mean, in the unit of the target.
+
+    The scatter of a few repetitions is hardly known.  It is pooled with the standard deviation of the twin from seed to
+    seed, which counts as `POOLED` degrees of freedom, unless the measurement is less certain anyway; of one or two
+    repetitions hardly any scatter is known, and the twin's is added.
+    """
+    own, twin = target.std_uncertainty**2, twin_std**2 / target.repetitions
+    freedom = target.repetitions - 1
+    pooled = (freedom * own + POOLED * max(own, twin)) / (freedom + POOLED)
+    return math.sqrt(own + twin if target.repetitions <= 2 else pooled)
 
 
 @dataclass(frozen=True)
@@ -156,23 +173,12 @@ class Posterior:
     def shares(self, unit: Array) -> Array:
         """The emulators' share of the variance of each target at points of the unit cube, shape (n, k)."""
         _, emulated = self._predict(unit)
-        return np.asarray(emulated**2 / (self._scatter**2 + emulated**2))
+        return np.asarray(emulated**2 / (self._scatter**2 + np.diag(self._read) + emulated**2))
 
     @property
     def _scatter(self) -> Array:
-        """Standard deviation between measurement and twin without the emulator's, shape (k,).
-
-        The scatter of a few repetitions is hardly known.  It is pooled with the twin's from seed to seed, which counts
-        as `POOLED` degrees of freedom, unless the measurement is less certain anyway; of one or two repetitions the
-        stated uncertainty holds no scatter, and the twin's is added.
-        """
-        found = []
-        for one, emulator in zip(self.targets, self.emulators, strict=True):
-            own, twin = one.std_uncertainty**2, emulator.noise**2 / one.repetitions
-            freedom = one.repetitions - 1
-            pooled = (freedom * own + POOLED * max(own, twin)) / (freedom + POOLED)
-            found.append(math.sqrt(own + twin if one.repetitions <= 2 else pooled))
-        return np.array(found)
+        """Standard deviation between measurement and twin without the emulator's, shape (k,)."""
+        return np.array([scatter(one, two.noise) for one, two in zip(self.targets, self.emulators, strict=True)])
 
     @property
     def _read(self) -> Array:

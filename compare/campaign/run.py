@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from rigtwin.compare.result_files import plain
+from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.version import __version__
 
 Result = dict[str, Any]
@@ -44,6 +45,15 @@ class Done:
     """Tracebacks of failures by unexpected exceptions."""
     out_of_memory: tuple[str, ...] = ()
     """Names of the runs that did not fit into memory."""
+
+    def raise_faults(self) -> None:
+        """Raise `RigtwinError` if a run ended by a fault of rigtwin; the traceback of the first is its note."""
+        if self.faults:
+            first = next(iter(self.faults))
+            number = len(self.results) + len(self.failures)
+            fault = RigtwinError(f"{len(self.faults)} of {number} runs failed, {first} by {self.failures[first]}.")
+            fault.add_note(self.faults[first])
+            raise fault
 
 
 def same_inputs(kept: Mapping[str, Any], inputs: Mapping[str, Any]) -> bool:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigtwin.compare.campaign import emulator as emulators
-from rigtwin.compare.campaign.curves import CurveTargets, curve_targets
-from rigtwin.compare.campaign.posterior import MOST_STEPS, Parameter, Posterior, Target, correlation, sample
+from rigtwin.compare.campaign.curves import CurveTargets, curve_targets, is_component
+from rigtwin.compare.campaign.posterior import MOST_STEPS, Parameter, Posterior, Target, correlation, sample, scatter
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
 from rigtwin.compare.campaign.vary import Setting, applies, at
 from rigtwin.lab.arrays import Array
@@ -24,9 +24,13 @@ if TYPE_CHECKING:
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Measurement
 
+SPENT = "the runs are spent"
 FIRST = 3  # points of the first design for each parameter
 FEWEST = 8  # points of the first design
 CONFIRMED = 3  # runs of the best set
+POOL = 400  # samples of the posterior among which the next points are chosen
+APART = 0.2  # distance in the unit cube within which a second point of a batch gains less
+CONFIRMING_SEED = 100_000  # added to the seed of the design for the runs of the best set
 BATCH = 2  # points between two looks at the posterior
 NARROWED = 0.03  # relative change of the posterior's width below which it is no longer narrowed
 CERTAIN = 0.3  # emulator's share of the standard uncertainty at which more runs would not help
@@ -83,7 +87,7 @@ class Search:
     measured : mapping of str to sequence of Measurement
         Repetitions of each experiment, for their curves.
     budget : int
-        Largest number of runs, those of the best set included.
+        Largest number of runs of the fitted experiments, those of the best set included.
     seed : int
         First seed.
     options : mapping
@@ -121,7 +125,7 @@ class Search:
         width, still = self._width(found), 0
         while not found.stopped:
             if found.runs + (BATCH + CONFIRMED) * len(self.fitted) > self.budget:
-                found.stopped = "the runs are spent"
+                found.stopped = SPENT
                 break
             self._add(found, self._next(found), campaign, progress)
             self._update(found)
@@ -185,12 +189,12 @@ class Search:
     def _next(self, found: State) -> Array:
         """Points of the posterior where the emulators are least certain, apart from each other."""
         random = np.random.default_rng(self.seed + len(found.unit))
-        pool = found.samples[random.choice(len(found.samples), 400)]
+        pool = found.samples[random.choice(len(found.samples), POOL)]
         gain = found.fitted.shares(pool).sum(axis=1)
         chosen: list[Array] = []
         for _ in range(BATCH):
             near = np.array([np.linalg.norm(pool - one, axis=1) for one in chosen])
-            apart = np.ones(len(pool)) if not chosen else 1 - np.exp(-((near.min(axis=0) / 0.2) ** 2))
+            apart = np.ones(len(pool)) if not chosen else 1 - np.exp(-((near.min(axis=0) / APART) ** 2))
             chosen.append(pool[int(np.argmax(gain * apart))])
         return np.array(chosen)
 
@@ -199,7 +203,7 @@ class Search:
     ) -> Iterator[dict[str, Any]]:
         """The best set's twins, with other seeds than those of the emulators, beside the measurements."""
         best = found.best
-        seeds = range(self.seed + 1000, self.seed + 1000 + CONFIRMED)
+        seeds = range(self.seed + CONFIRMING_SEED, self.seed + CONFIRMING_SEED + CONFIRMED)
         runs = {
             (one.id, k): self.twin(one, best, f"{one.id}-best-seed-{k}", k)
             for one in (*self.fitted, *held)
@@ -219,9 +223,7 @@ class Search:
 def results_of(runs: Sequence[Run], campaign: Campaign, progress: Progress, stage: str) -> Done:
     """Results of runs, of which none ended by a fault of rigtwin or for want of memory."""
     done = campaign.results(runs, progress, stage=stage, retry=False)
-    if done.faults:
-        first = next(iter(done.faults))
-        raise RigtwinError(f"{len(done.faults)} of {len(runs)} runs failed, {first} by {done.failures[first]}.")
+    done.raise_faults()
     if done.out_of_memory:
         first = done.out_of_memory[0]
         raise RigtwinError(f"{len(done.out_of_memory)} of {len(runs)} runs failed; {first} {done.failures[first]}")
@@ -235,14 +237,13 @@ def _prediction(target: Target, values: Array) -> dict[str, Any]:
     percent = z = None
     if mean is not None:
         percent = None if target.value == 0 else 100 * (mean - target.value) / target.value
-        # of one or two repetitions the twin's scatter takes the place of the experiment's
-        scatter = (spread or 0.0) * math.sqrt(1 / len(values) + (target.repetitions <= 2) / target.repetitions)
-        off = math.hypot(target.std_uncertainty, target.reading_std, scatter)
+        twin = spread or 0.0
+        off = math.hypot(scatter(target, twin), target.reading_std, twin / math.sqrt(len(values)))
         z = (mean - target.value) / off if off > 0 else None
     return {
         "experiment": target.experiment, "quantity": target.quantity, "method": target.method, "unit": target.unit,
         "measured": target.value, "std_uncertainty": target.std_uncertainty, "predicted": mean,
-        "predicted_std": spread, "percent_deviation": percent, "z": z,
+        "predicted_std": spread, "percent_deviation": percent, "z": z, "curve": is_component(target.method),
     }  # fmt: skip
 
 
@@ -252,13 +253,11 @@ def _value(target: Target, result: Result | None, curves: CurveTargets | None) -
         return math.nan
     if curves is not None and target.quantity in curves.components:
         return curves.values(result).get((target.quantity, target.method), math.nan)
-    # the first value of each method; the twin may know by one of its own what a film only shows
-    values = {
-        one.method: one.value
-        for one in reversed(quantities_of(dict(result)))
-        if (one.quantity, one.unit) == (target.quantity, target.unit)
-        and one.detail.get("side") in (None, "mean")
-        and not one.doubtful
-    }
-    only = next(iter(values.values())) if len(values) == 1 else math.nan
-    return values.get(target.method, only)
+    same = [
+        one
+        for one in quantities_of(dict(result))
+        if (one.quantity, one.unit) == (target.quantity, target.unit) and one.detail.get("side") in (None, "mean")
+    ]
+    # another method counts only if the twin has no more than that one
+    method = target.method if len({one.method for one in same}) != 1 else same[0].method
+    return next((one.value for one in same if one.method == method and not one.doubtful), math.nan)

@@ -20,7 +20,7 @@ from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.schema import ExperimentEntry, suggestion
 from rigtwin.lab.progress import Progress, silent
@@ -276,11 +276,7 @@ def _measured(experiment: Experiment, out: Path, workers: int | None, progress: 
 
 def _run(runs: Sequence[Run], out: Path, where: Any, progress: Progress) -> Done:
     done = run_all(runs, out / "runs", runner=where, progress=progress)
-    if done.faults:
-        first = next(iter(done.faults))
-        fault = RigtwinError(f"{len(done.faults)} of {len(runs)} runs failed, {first} by {done.failures[first]}.")
-        fault.add_note(done.faults[first])
-        raise fault
+    done.raise_faults()
     if not done.results:
         first = next(iter(done.failures))
         raise BadInput(f"no run has a result; {first}: {done.failures[first]}")

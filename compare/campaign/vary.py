@@ -104,7 +104,7 @@ def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varie
 
 
 def applies(name: str, experiment: Experiment) -> bool:
-    """Whether the twin of an experiment has a parameter of this name; those of effects it has always."""
+    """Whether the twin of an experiment has a parameter of this name; those of effects apply to every twin."""
     return "." in name or name in names(experiment) or name in of_pairs(experiment)
 
 
@@ -211,7 +211,7 @@ def at(setting: Setting, point: Point) -> Setting:
             experiment = replace(experiment, particle=_particle(experiment.particle, name, value))
         elif name in rig:
             settings: Any = experiment.rig
-            experiment = replace(experiment, rig=replace(settings, **{name: value}))
+            experiment = replace(experiment, rig=replace(settings, **{name: round(value) if name in WHOLE else value}))
     return Setting(experiment, model)
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling
 
 PARTICLES = ("D6", "C6_24s", "P6x15_5s", "D6_ABS", "D5_steel")
-FITTED = ("static_friction", "rolling_friction=0.003..0.5", "scale=0.95..1.05", "rim_height=0mm..18mm")
+FITTED = ("static_friction", "rolling_friction", "scale=0.95..1.05", "rim_height=0mm..18mm")
 """Parameters; the size of the particles, which the paper adjusted by hand, and the rim, which it does not state."""
 HELD_OUT = ("piling-150", "hopper")
 READING = {"angle_of_repose_graphical": 3.0, "angle_of_repose_geometric": 3.0}
