@@ -4,9 +4,11 @@
 
 Static and rolling friction are sought from a packing, a heap and a drum.  So that every search can be repeated, an
 emulator of 32 points of our own twins stands for the twin, and its scatter from seed to seed is added: the figures are
-those of the searches, not of the simulation.  A search has arrived when the best set that it has seen lies, without
-scatter, within the measurements' noise (mean squared deviation of the quantities at most one).  CMA-ES is that of the
-package `cma` (Hansen & Ostermeier 2001), which ACCES uses, too.
+those of the searches, not of the simulation, and an emulator of the same kind as ours favours our search.  A search has
+arrived when its best set fits, without scatter, within the measurements' noise: `ARRIVED` is what the true set has on
+average, and a third more.  Best is for our search the most likely set, for the others the point with the least misfit
+that they have run; of CMA-ES the middle of its distribution counts, too.  CMA-ES is that of the package `cma` (Hansen &
+Ostermeier 2001), which ACCES uses, too.
 """
 
 from __future__ import annotations
@@ -39,6 +41,7 @@ from rigtwin.lab.quantity import Quantity
 
 POINTS = small(32, 10)  # of our own twins, to which the stand-in is fitted
 REPETITIONS = 3  # of the measurements
+ARRIVED = 4 / 3  # mean squared deviation of the quantities, over their variance
 MOST = 400  # points of a search that does not arrive
 PARAMETERS = tuple(Parameter(name, *bounds) for name, bounds in RANGES.items())
 MEASURED = {
@@ -151,7 +154,7 @@ class Task:
 
     def arrived(self, unit: np.ndarray) -> bool:
         """Whether a set fits within the noise."""
-        return float(np.mean(((self.twin.mean(unit) - self.measured) / self.uncertainty) ** 2)) <= 1 + 1 / REPETITIONS
+        return float(np.mean(((self.twin.mean(unit) - self.measured) / self.uncertainty) ** 2)) <= ARRIVED
 
     def seen(self, unit: np.ndarray, seed: int) -> float:
         """The misfit that one run of each rig shows."""
@@ -218,7 +221,7 @@ def cma_es(task: Task) -> int | None:
         count += len(points)
         if min(seen) < least:
             best, least = np.array(points[int(np.argmin(seen))]), min(seen)
-        if best is not None and task.arrived(best):
+        if task.arrived(np.array(strategy.result.xfavorite)) or (best is not None and task.arrived(best)):
             return count
     return None
 
@@ -234,9 +237,9 @@ def main() -> int:
         searches["CMA-ES"] = cma_es
     needed: dict[str, list[float]] = {name: [] for name in ("ours", *searches)}
     with threadpool_limits(1), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+        warnings.filterwarnings("ignore", module="cma")
         for k in range(seed, seed + count):
-            random = np.random.default_rng(k)
+            random = np.random.default_rng([k, 1])
             off = random.normal(size=len(twin.noise)) * twin.noise / np.sqrt(REPETITIONS)
             task = Task(twin, twin.mean(0.1 + 0.8 * random.random(len(PARAMETERS))) + off, k)
             for name, search in {"ours": ours, **searches}.items():
