@@ -45,11 +45,16 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
             continue
         kind = "held out" if row["held_out"] else "fitted"
         percent = "" if row["percent_deviation"] is None else f" ({row['percent_deviation']:+.1f} %)"
-        value = "none" if row["predicted"] is None else f"{row['predicted']:.4g}{percent}"
+        unit = "" if row["unit"] == "1" else f" {row['unit']}"
+        value = "no twin of the best set gives it" if row["predicted"] is None else f"predicted {row['predicted']:.4g}"
         typer.echo(
-            f"{row['experiment']}, {row['quantity']} ({row['method']}), {kind}: measured {row['measured']:.4g}, "
-            f"predicted {value} {row['unit']}"
+            f"{row['experiment']}, {row['quantity']} ({row['method']}), {kind}: measured {row['measured']:.4g}{unit}, "
+            f"{value}{unit if row['predicted'] is not None else ''}{percent}"
         )
+    for sentence in found.lab.borrowed:
+        typer.echo(f"borrowed: {sentence}")
+    if found.fits and not found.tested:
+        typer.echo("there are no more measurements than parameters, so that the fit is no test of the model")
     if not found.fits:
         worst = found.worst
         most = (

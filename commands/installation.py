@@ -21,8 +21,8 @@ ENOUGH_DISK = 0.5e9  # [bytes]; a measured clip leaves 1 MB: some hundred of the
 PATIENCE = 60.0  # [s], for the engine; it answers in two where its kernels have never been compiled
 REINSTALL = "install rigtwin again (`make demo`, or `pip install --force-reinstall` of its folder)"
 EXTRAS = {
-    "dask": "`--cluster tcp://host:port` of reproduce, sweep and calibrate",
-    "slurm": "`--cluster slurm` of reproduce, sweep and calibrate",
+    "dask": "`--cluster tcp://host:port` of compare, reproduce, sweep and calibrate",
+    "slurm": "`--cluster slurm` of compare, reproduce, sweep and calibrate",
 }
 
 

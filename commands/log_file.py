@@ -115,7 +115,7 @@ def steps() -> Progress:
     def write(stage: str, done: float, total: float) -> None:
         ends, now = bool(total) and done >= total, time.monotonic()
         last, ended = written.get(stage, (-LOG_EVERY, False))
-        if (ends and ended) or (not ends and now - last < LOG_EVERY):
+        if (ends and ended) or (not ends and not ended and now - last < LOG_EVERY):
             return
         written[stage] = now, ends
         LOGGER.info("%s %s", _one_line(stage), f"{done:.6g}/{total:.6g}" if total else f"{done:.6g}")

@@ -30,7 +30,8 @@ def runs(
 ) -> None:
     """List, show, drop or export the runs of a store.
 
-    A store is the folder in which reproduce keeps finished runs. A dropped run is computed again when it is needed.
+    A store is the folder `runs` in which compare, sweep, calibrate and reproduce keep finished runs. A dropped run is
+    computed again when it is needed.
     """
     from rigtwin.compare.campaign.store import Store
     from rigtwin.lab.errors import BadInput

@@ -2,6 +2,7 @@
 
 import json
 import os
+from functools import partial
 from importlib import metadata
 
 import pytest
@@ -9,14 +10,9 @@ import pytest
 from rigtwin.cli import run
 from rigtwin.commands import installation
 
-
-def engine_dies() -> tuple[bool, str, str]:
-    """What the engine's process runs in place of the engine."""
-    os._exit(9)
-
-
-def engine_errs() -> tuple[bool, str, str]:
-    return False, "CPU, 2 threads", "/nowhere"
+ENGINE_DIES = partial(os._exit, 9)
+"""What the engine's process runs in place of the engine; another process knows it without this file."""
+ENGINE_ERRS = partial(tuple, (False, "CPU, 2 threads", "/nowhere"))
 
 
 def checked(capfd) -> tuple[int, dict[str, dict[str, str]]]:
@@ -113,7 +109,7 @@ def test_a_rigtwin_that_is_not_installed_fails_and_the_other_checks_are_made(cap
 
 
 def test_an_engine_that_ends_its_process_fails_and_the_other_checks_are_made(capfd, monkeypatch):
-    monkeypatch.setattr(installation, "_engine", engine_dies)
+    monkeypatch.setattr(installation, "_engine", ENGINE_DIES)
     code, found = checked(capfd)
     assert (code, found["engine"]["state"]) == (1, "failed")
     assert "a process that ran Taichi ended without a result" in found["engine"]["message"]
@@ -121,7 +117,7 @@ def test_an_engine_that_ends_its_process_fails_and_the_other_checks_are_made(cap
 
 
 def test_an_engine_that_computes_wrongly_fails(capfd, monkeypatch):
-    monkeypatch.setattr(installation, "_engine", engine_errs)
+    monkeypatch.setattr(installation, "_engine", ENGINE_ERRS)
     code, found = checked(capfd)
     assert (code, found["engine"]["state"]) == (1, "failed")
     assert "a wrong sum (CPU, 2 threads)" in found["engine"]["message"]

@@ -19,9 +19,9 @@ from rigtwin.compare.campaign.campaign import Campaign
 from rigtwin.compare.campaign.next_experiment import next_experiments, runs_needed
 from rigtwin.compare.campaign.posterior import Parameter, Target
 from rigtwin.compare.campaign.runners import runner
-from rigtwin.compare.campaign.search import SPENT, Search, State
+from rigtwin.compare.campaign.search import Search, State
 from rigtwin.compare.campaign.store import Store
-from rigtwin.compare.campaign.vary import applies, contact_pair, names, of_contact, of_pairs, parse
+from rigtwin.compare.campaign.vary import WHOLE, applies, contact_pair, names, of_contact, of_pairs, parse
 from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import Measured, measuring
 from rigtwin.compare.report.fill_template import filled
@@ -176,9 +176,14 @@ def calibrate_lab(
         for failure in found.failures
     ]
     fitted = [one for one in fitted if targets[one.id]]
-    parameters = tuple(_parameters(fit, lab, fitted, quantities))
+    parameters = tuple(_parameters(fit, lab, fitted, quantities, hold_out))
+    moved = [one for one in fitted if any(applies(parameter.name, one) for parameter in parameters)]
+    left_out += [f"{one.id} was not fitted: it depends on none of the parameters" for one in fitted if one not in moved]
+    left_out += list(_unused(lab, moved, parameters, quantities, hold_out))
+    fitted = moved
     records = {name: found.measurements for name, found in measured.items()}
-    search = Search(lab, fitted, parameters, targets, records, budget, seed, options or {})
+    reserve = runs_needed(fitted)
+    search = Search(lab, fitted, parameters, targets, records, budget, seed, options or {}, reserve)
     # the matrices are small: more threads would only wait for each other, and the twins need the cores
     pool = runner(cluster, workers, out / "runs")
     with threadpool_limits(1), Store(out / "runs") as store, Campaign(store, pool) as campaign:
@@ -210,17 +215,12 @@ def _with_next_experiments(
     calibration: Calibration, search: Search, found: State, campaign: Campaign, progress: Progress
 ) -> Calibration:
     """The calibration with experiments that would separate the sets that fit, or a remark on what they need."""
-    needed = runs_needed(search)
+    needed = runs_needed(search.fitted)
     if not needed:
         return calibration
     if found.runs + needed > search.budget:
-        remark = (
-            f"--budget {found.runs + needed} would also simulate which further experiment separates the sets that fit"
-        )
-        if found.stopped == SPENT:  # a larger budget goes into the search first
-            remark = (
-                f"which further experiment separates the sets that fit takes {needed} more runs; give a larger --budget"
-            )
+        budget = search.least + needed
+        remark = f"{needed} more runs would show which further experiment separates the sets: --budget {budget} or more"
         return replace(calibration, remarks=(*calibration.remarks, remark))
     following = next_experiments(search, found, campaign, progress)
     return replace(calibration, next_experiments=tuple(following), runs=found.runs)
@@ -240,11 +240,15 @@ def _to_fit(lab: Lab, hold_out: Sequence[str]) -> tuple[list[Experiment], list[E
 
 
 def _parameters(
-    fit: Sequence[str] | None, lab: Lab, fitted: Sequence[Experiment], measured: Mapping[str, Sequence[Quantity]]
+    fit: Sequence[str] | None,
+    lab: Lab,
+    fitted: Sequence[Experiment],
+    measured: Mapping[str, Sequence[Quantity]],
+    hold_out: Sequence[str],
 ) -> Iterator[Parameter]:
     seen: dict[Any, str] = {}
     for text in fit or ("static_friction", "rolling_friction"):
-        name, ranged, _ = (part.strip() for part in text.partition("="))
+        name = text.partition("=")[0].strip()
         takers = [one for one in fitted if applies(name, one)]
         if not takers:
             known_names = dict.fromkeys(known for one in fitted for known in (*names(one), *of_pairs(one)))
@@ -260,46 +264,82 @@ def _parameters(
         if meant in seen:
             raise BadInput(f"--fit: {seen[meant]} and {name} are the same parameter; take one of them out.")
         seen[meant] = name
-        known = _measured_value(name, lab, takers[0], measured)
-        if ranged:
-            varied = parse(text, takers[0], option="--fit")
-            if varied.levels is None:
-                raise BadInput(f"--fit: {text!r} is not a range like static_friction=0.1..0.9.")
-            low, high = varied.values
-            source = "stated range"
-            if known is not None and not low - 4 * known[1] < known[0] < high + 4 * known[1]:
-                raise BadInput(
-                    f"--fit: {text} contradicts {known[0]:.3g} +- {known[1]:.2g}, measured by {known[2]}; leave "
-                    "the range out or correct it."
-                )
-        elif known is not None:
-            low, high = max(known[0] - 4 * known[1], 0.05 * known[0]), known[0] + 4 * known[1]
-            if of_contact(name) == "restitution":
-                high = min(high, 1.0)
-            source = "four standard uncertainties"
-        elif of_contact(name) in RANGES:
-            low, high = RANGES[of_contact(name)]
-            source = "nothing is known"
-        else:
-            raise BadInput(f"--fit: {name} was not measured; give its range, {name}=LOW..HIGH.")
+        known = _measured_value(of_contact(name), contact_pair(name, takers[0]), lab, measured, hold_out)
+        low, high, source = _range(text, name, takers[0], known)
         mean, std = (known[0], known[1]) if known is not None else (None, None)
         yield Parameter(name, low, high, mean, std, source if known is None else f"{source}, measured by {known[2]}")
 
 
+def _range(text: str, name: str, taker: Experiment, known: tuple[float, float, str] | None) -> tuple[float, float, str]:
+    """The range of a parameter, and where it comes from."""
+    if name in WHOLE:
+        raise BadInput(f"--fit: {name} is a whole number, which cannot be fitted; `rigtwin sweep` varies it.")
+    _, equals, ranged = text.partition("=")
+    if equals:
+        varied = parse(text, taker, option="--fit")
+        if varied.levels is None or ":" in ranged:
+            raise BadInput(f"--fit: {text!r} is not a range without levels, like static_friction=0.1..0.9.")
+        low, high = varied.values
+        if known is not None and not low - 4 * known[1] < known[0] < high + 4 * known[1]:
+            raise BadInput(
+                f"--fit: {text} contradicts {known[0]:.3g} +- {known[1]:.2g}, measured by {known[2]}; leave "
+                "the range out or correct it."
+            )
+        return low, high, "stated range"
+    if known is not None:
+        high = known[0] + 4 * known[1]
+        highest = min(high, 1.0) if of_contact(name) == "restitution" else high
+        return max(known[0] - 4 * known[1], 0.05 * known[0]), highest, "four standard uncertainties"
+    if of_contact(name) in RANGES:
+        return *RANGES[of_contact(name)], "nothing is known"
+    raise BadInput(f"--fit: {name} was not measured; give its range, {name}=LOW..HIGH.")
+
+
 def _measured_value(
-    name: str, lab: Lab, taker: Experiment, measured: Mapping[str, Sequence[Quantity]]
+    parameter: str,
+    names: tuple[str, str],
+    lab: Lab,
+    measured: Mapping[str, Sequence[Quantity]],
+    hold_out: Sequence[str],
 ) -> tuple[float, float, str] | None:
     """Value, standard uncertainty and source of a contact's parameter that the lab measures directly."""
-    wanted = pair(*contact_pair(name, taker))
     for experiment in lab.experiments:
-        if entry_of(experiment).many_particles or pair(*experiment.contacts[-1]) != wanted:
+        other = entry_of(experiment).many_particles or pair(*experiment.contacts[-1]) != pair(*names)
+        if other or experiment.id in hold_out:
             continue
         for row in deviations(experiment.id, experiment.rig_name, measured[experiment.id], ()):
-            parameter = MEASURED_BY.get((experiment.rig_name, row.quantity))
             known = math.isfinite(row.measured) and 0 < row.measured_std_uncertainty < math.inf
-            if parameter == of_contact(name) and known and not row.doubtful:
+            if parameter == MEASURED_BY.get((experiment.rig_name, row.quantity)) and known and not row.doubtful:
                 return row.measured, row.measured_std_uncertainty, experiment.id
     return None
+
+
+def _unused(
+    lab: Lab,
+    fitted: Sequence[Experiment],
+    parameters: Sequence[Parameter],
+    measured: Mapping[str, Sequence[Quantity]],
+    hold_out: Sequence[str],
+) -> Iterator[str]:
+    """Sentences on coefficients that the lab measures and that are neither fitted nor in its model."""
+    fitted_ones = {
+        (of_contact(one.name), pair(*contact_pair(one.name, experiment)))
+        for one in parameters
+        for experiment in fitted
+        if of_contact(one.name) in PARAMETERS and applies(one.name, experiment)
+    }
+    for contact in dict.fromkeys(pair(*both) for experiment in fitted for both in experiment.contacts):
+        for parameter in PARAMETERS:
+            known = _measured_value(parameter, contact, lab, measured, hold_out)
+            used = getattr(lab.model.known_contact(*contact), parameter)
+            if known is None or used is None or (parameter, contact) in fitted_ones:
+                continue
+            if abs(used - known[0]) > 2 * known[1]:
+                name = "-".join(contact)
+                yield (
+                    f"{parameter} of {name} is {used:.4g} in the model, {known[2]} measured {known[0]:.4g} +- "
+                    f"{known[1]:.2g}; --fit {parameter}@{name} uses the measured value"
+                )
 
 
 def _targets(experiment: Experiment, measured: Sequence[Quantity], reading: Mapping[str, float]) -> list[Target]:

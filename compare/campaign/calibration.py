@@ -136,6 +136,7 @@ class Calibration:
                 for target, row in zip(self.targets, self.sensitivities, strict=True)
             ],
             "predictions": list(self.predictions),
+            "borrowed": list(self.lab.borrowed),
             "runs": self.runs,
             "stopped": self.stopped,
             "remarks": list(self.remarks),
@@ -197,8 +198,9 @@ def _remarks(search: Search, found: State, best: Mapping[str, float]) -> Iterato
             yield f"`compare --model` takes contacts and effects from model.toml; state {what} in lab.toml"
     if found.failures:
         yield f"{len(found.failures)} twins failed, the first: {next(iter(found.failures.values()))}"
-    for target in found.left_out:
-        yield f"{target.experiment}, {target.quantity} ({target.method}) was not fitted: too few twins give it"
+    for target, why in found.missing.items():
+        fate = " was not fitted" if target in found.left_out else ""
+        yield f"{target.experiment}, {target.quantity} ({target.method}){fate}: {why}"
     if not found.converged:
         yield (
             f"the samples of the posterior span less than {CONVERGED} autocorrelation times; intervals are approximate"

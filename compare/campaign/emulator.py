@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
+
+Indices = npt.NDArray[np.intp]
 
 SHORTEST, LONGEST = 0.15, 10.0  # bounds of a correlation length, over the range of a parameter
 LEAST_NOISE, MOST_NOISE = 1e-4, 1.0  # bounds of the variance of the scatter, over that of the values
@@ -24,11 +28,13 @@ class Emulator:
 
     Parameters
     ----------
-    lengths : ndarray, shape (p,)
+    columns : ndarray, shape (q,)
+        Numbers of the parameters that the twin has; it does not depend on the others.
+    lengths : ndarray, shape (q,)
         Correlation lengths over the unit cube.
     amplitude : float
         Variance of the process, over that of the values.
-    points : ndarray, shape (n, p)
+    points : ndarray, shape (n, q)
         Runs in the unit cube, over the lengths.
     inverse : ndarray, shape (n, n)
         Of the covariance of the standardised values.
@@ -40,6 +46,7 @@ class Emulator:
         Standard deviation of the twin from seed to seed as fitted, in the unit of the quantity.
     """
 
+    columns: Indices
     lengths: Array
     amplitude: float
     points: Array
@@ -66,14 +73,14 @@ class Emulator:
 
     def predict(self, unit: Array) -> tuple[Array, Array]:
         """Mean of the twin at points of the unit cube, shape (n, p), and the emulator's standard uncertainty of it."""
-        apart = (unit / self.lengths)[:, None, :] - self.points
+        apart = (unit[:, self.columns] / self.lengths)[:, None, :] - self.points
         kernel = self.amplitude * np.exp(-0.5 * np.einsum("ijk,ijk->ij", apart, apart))
         variance = self.amplitude - np.einsum("ij,ij->i", kernel @ self.inverse, kernel)
         mean = self.mean + self.std * (kernel @ self.weights)
         return mean, self.widened * self.std * np.sqrt(np.maximum(variance, 0.0))
 
 
-def fit(unit: Array, values: Array, *, seed: int) -> Emulator:
+def fit(unit: Array, values: Array, *, seed: int, columns: Sequence[int] | None = None) -> Emulator:
     """Fit an emulator.
 
     Parameters
@@ -84,6 +91,8 @@ def fit(unit: Array, values: Array, *, seed: int) -> Emulator:
         The quantity.
     seed : int
         Seed of the starts of the fit.
+    columns : sequence of int, optional
+        Numbers of the parameters that the twin has; all by default.
 
     Returns
     -------
@@ -94,6 +103,8 @@ def fit(unit: Array, values: Array, *, seed: int) -> Emulator:
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
+    used: Indices = np.arange(unit.shape[1]) if columns is None else np.array(columns, dtype=np.intp)
+    unit = unit[:, used]
     kernel = ConstantKernel(1.0, (0.1, 30.0)) * RBF(np.full(unit.shape[1], 0.7), (SHORTEST, LONGEST)) + WhiteKernel(
         0.05, (LEAST_NOISE, MOST_NOISE)
     )
@@ -107,6 +118,7 @@ def fit(unit: Array, values: Array, *, seed: int) -> Emulator:
     std = float(np.std(values))
     scaled = (values - np.mean(values)) / (std or 1.0)
     return Emulator(
+        columns=used,
         lengths=lengths,
         amplitude=float(signal.k1.constant_value),
         points=unit / lengths,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,9 +29,9 @@ READ = 0.02  # relative standard uncertainty with which a result is read, beside
 ENDS = 0.05  # share of the samples at each end of the family of sets
 
 
-def candidates(search: Search) -> list[Experiment]:
+def candidates(fitted: Sequence[Experiment]) -> list[Experiment]:
     """A small packing, heap, drum and hopper of the fitted particle, but for rigs that are fitted already."""
-    known = search.fitted[0]
+    known = fitted[0]
     d = known.particle.diameter
     rigs: dict[str, RigSettings] = {
         f"packing, cylinder {8e3 * d:.3g} mm": PackingSettings(8 * d, count=400),
@@ -43,7 +43,7 @@ def candidates(search: Search) -> list[Experiment]:
             "slot", depth=8 * d, outlet=5 * d, bin_width=16 * d, count=600
         ),
     }
-    there = {one.rig_name for one in search.fitted}
+    there = {one.rig_name for one in fitted}
     return [
         Experiment(name, rig, known.particle, known.wall, Camera(), ())
         for name, rig in rigs.items()
@@ -51,9 +51,9 @@ def candidates(search: Search) -> list[Experiment]:
     ]
 
 
-def runs_needed(search: Search) -> int:
+def runs_needed(fitted: Sequence[Experiment]) -> int:
     """Number of runs of `next_experiments`."""
-    return 2 * SEEDS * len(candidates(search))
+    return 2 * SEEDS * len(candidates(fitted))
 
 
 def next_experiments(search: Search, found: State, campaign: Campaign, progress: Progress) -> list[dict[str, Any]]:
@@ -65,7 +65,7 @@ def next_experiments(search: Search, found: State, campaign: Campaign, progress:
     """
     ends = _ends(found.samples, found.density)
     runs: dict[tuple[str, int, int], Run] = {}
-    for one in candidates(search):
+    for one in candidates(search.fitted):
         for k, point in enumerate(ends):
             values = {p.name: float(p.value(point[i])) for i, p in enumerate(search.parameters)}
             mine = {name: value for name, value in values.items() if applies(name, one) and not _of_rig(name)}
@@ -76,7 +76,7 @@ def next_experiments(search: Search, found: State, campaign: Campaign, progress:
     done = results_of(list(runs.values()), campaign, progress, "candidates for a further experiment")
     found.runs += len(runs)
     rows = []
-    for one in candidates(search):
+    for one in candidates(search.fitted):
         sets = [[done.results.get(runs[one.id, k, j].name) for j in range(SEEDS)] for k in range(2)]
         if all(result is not None for results in sets for result in results):
             rows += sorted(_rows(one, sets), key=lambda row: -row["apart"])[:1]

@@ -51,6 +51,7 @@ class State:
     runs: int = 0
     stopped: str = ""
     failures: dict[str, str] = field(default_factory=dict)
+    missing: dict[Target, str] = field(default_factory=dict)  # how many twins do not give a quantity, and why
 
     @property
     def best(self) -> Array:
@@ -92,6 +93,8 @@ class Search:
         First seed.
     options : mapping
         Keywords of `twin_run`.
+    reserve : int
+        Runs of the budget that are kept for candidates of a further experiment, where it is large enough.
     """
 
     lab: Lab
@@ -102,18 +105,28 @@ class Search:
     budget: int
     seed: int
     options: Mapping[str, Any]
+    reserve: int = 0
+
+    @property
+    def least(self) -> int:
+        """Smallest number of runs: the first design, one batch, and those of the best set."""
+        return (self._first + BATCH + CONFIRMED) * len(self.fitted)
+
+    @property
+    def _first(self) -> int:
+        return max(FEWEST, FIRST * len(self.parameters))
 
     def run(self, campaign: Campaign, progress: Progress) -> State:
         """Run twins until the posterior is no longer narrowed, the emulators are certain or the budget is spent."""
         from scipy.stats import qmc
 
-        first = max(FEWEST, FIRST * len(self.parameters))
-        least = (first + BATCH + CONFIRMED) * len(self.fitted)
-        if self.budget < least:
+        first = self._first
+        if self.budget < self.least:
             raise BadInput(
-                f"--budget: {self.budget} runs are too few for {len(self.parameters)} parameters and "
-                f"{len(self.fitted)} experiments; give at least {least}."
+                f"--budget: {self.budget} runs are too few for {_number(len(self.parameters), 'parameter')} and "
+                f"{_number(len(self.fitted), 'experiment')}; give at least {self.least}."
             )
+        reserved = self.reserve if self.budget >= self.least + self.reserve else 0
         measured = tuple(target for one in self.fitted for target in self.targets[one.id])
         found = State(measured=measured, results={one.id: [] for one in self.fitted})
         sampler = qmc.Sobol(len(self.parameters), rng=self.seed)
@@ -124,7 +137,7 @@ class Search:
         self._update(found)
         width, still = self._width(found), 0
         while not found.stopped:
-            if found.runs + (BATCH + CONFIRMED) * len(self.fitted) > self.budget:
+            if found.runs + (BATCH + CONFIRMED) * len(self.fitted) > self.budget - reserved:
                 found.stopped = SPENT
                 break
             self._add(found, self._next(found), campaign, progress)
@@ -163,17 +176,23 @@ class Search:
         fitted: dict[Target, emulators.Emulator] = {}
         residuals = {}
         for one in self.fitted:
+            columns = [k for k, parameter in enumerate(self.parameters) if applies(parameter.name, one)]
             for target in (*self.targets[one.id], *found.curves[one.id].targets):
-                values = np.array([_value(target, result, found.curves[one.id]) for result in found.results[one.id]])
+                read = [_read(target, result, found.curves[one.id]) for result in found.results[one.id]]
+                values = np.array([value for value, _ in read])
                 known = np.isfinite(values)
-                if known.sum() < len(self.parameters) + 3:
+                if not known.all():
+                    why = next(why for value, why in read if not math.isfinite(value))
+                    found.missing[target] = f"{len(known) - known.sum()} of {len(known)} twins do not give it: {why}"
+                if known.sum() < len(columns) + 3:
                     continue  # too few twins give it so far
-                fitted[target] = emulators.fit(unit[known], values[known], seed=self.seed)
+                fitted[target] = emulators.fit(unit[known], values[known], seed=self.seed, columns=columns)
                 residuals[target] = values - fitted[target].predict(unit)[0]
         targets = tuple(fitted)
         if not targets:
-            why = next(iter(found.failures.values()), "too few twins give what was measured, for example a heap")
-            raise BadInput(f"{self.lab.path}: nothing can be fitted: {why}")
+            target, why = next(iter(found.missing.items()))
+            why = next(iter(found.failures.values()), why)
+            raise BadInput(f"{target.experiment}: {target.quantity} cannot be fitted: {why}")
         together = correlation(targets, residuals)
         found.posterior = Posterior(self.parameters, targets, tuple(fitted.values()), together)
         found.samples, found.density, found.converged = sample(found.fitted, seed=self.seed)
@@ -220,6 +239,10 @@ class Search:
                 yield {**_prediction(target, values[np.isfinite(values)]), "held_out": one in held}
 
 
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
 def results_of(runs: Sequence[Run], campaign: Campaign, progress: Progress, stage: str) -> Done:
     """Results of runs, of which none ended by a fault of rigtwin or for want of memory."""
     done = campaign.results(runs, progress, stage=stage, retry=False)
@@ -249,10 +272,15 @@ def _prediction(target: Target, values: Array) -> dict[str, Any]:
 
 def _value(target: Target, result: Result | None, curves: CurveTargets | None) -> float:
     """The quantity of a target in the result of a twin; NaN where it has none or a doubtful one."""
+    return _read(target, result, curves)[0]
+
+
+def _read(target: Target, result: Result | None, curves: CurveTargets | None) -> tuple[float, str]:
+    """The quantity of a target in the result of a twin, or NaN and why there is none."""
     if result is None:
-        return math.nan
+        return math.nan, "the run failed"
     if curves is not None and target.quantity in curves.components:
-        return curves.values(result).get((target.quantity, target.method), math.nan)
+        return curves.values(result).get((target.quantity, target.method), math.nan), "it has no such curve"
     same = [
         one
         for one in quantities_of(dict(result))
@@ -260,4 +288,7 @@ def _value(target: Target, result: Result | None, curves: CurveTargets | None) -
     ]
     # another method counts only if the twin has no more than that one
     method = target.method if len({one.method for one in same}) != 1 else same[0].method
-    return next((one.value for one in same if one.method == method and not one.doubtful), math.nan)
+    mine = [one for one in same if one.method == method]
+    if not mine:
+        return math.nan, "its evaluation has no such result"
+    return (math.nan, mine[0].doubtful) if mine[0].doubtful else (mine[0].value, "it is not finite")

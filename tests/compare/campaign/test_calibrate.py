@@ -172,7 +172,9 @@ def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path
         (["--fit", "lift_speed"], "no experiment that is fitted depends on 'lift_speed'"),
         (["--fit", "static_friction=0.5..0.1"], "the lower value first"),
         (["--fit", "restitution"], "was not measured; give its range"),
-        (["--budget", "3"], "too few"),
+        (["--budget", "3"], "3 runs are too few for 2 parameters and 1 experiment; give at least 13"),
+        (["--fit", "count=100..140"], "a whole number, which cannot be fitted"),
+        (["--fit", "static_friction=0.1..0.9:7"], "not a range without levels"),
         (["--fit", "static_friction", "--fit", "static_friction@D6-D6"], "are the same parameter"),
     ],
 )
@@ -227,7 +229,9 @@ def test_the_experiment_that_separates_equally_good_sets_is_found(tmp_path, caps
     assert "screening" in " ".join(path.name for path in (tmp_path / "calibration").iterdir())
     assert run(["calibrate", str(tmp_path), "--budget", "13", "--json"]) == 0
     (said,) = (one for one in json.loads(capsys.readouterr().out)["remarks"] if "--budget" in one)
-    assert "further experiment" in said
+    budget = said.partition("--budget ")[2].split()[0]
+    assert run(["calibrate", str(tmp_path), "--budget", budget, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["next_experiments"], "the budget that the remark names is enough"
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -266,3 +270,34 @@ def test_contacts_of_a_kind_are_named_with_their_pair(tmp_path, capsys, monkeypa
     assert found["best"]["static_friction"] == pytest.approx(0.5, abs=0.05)
     model = read_model(tmp_path / "calibration" / "model.toml")
     assert model.known_contact("steel", "D6").static_friction == found["best"]["static_friction@D6-steel"]
+
+
+TILT = """
+[[experiments]]
+id = "plate"
+rig = "tilt"
+variant = "slide"
+particle = "D6"
+wall = "steel"
+[experiments.measured]
+static_friction = "0.55 +- 0.06 (n = 9)"
+"""
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_an_experiment_tells_nothing_of_parameters_that_it_does_not_have(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
+    (tmp_path / "lab.toml").write_text(ONE_RIG + BED + TILT, encoding="utf-8")
+    wanted = ("rolling_friction", "static_friction@D6-PMMA=0.1..0.9", "depth=20mm..40mm")
+    asked = [word for name in wanted for word in ("--fit", name)]
+    assert run(["calibrate", str(tmp_path), *asked, "--budget", "30", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    of_bed = next(row for row in found["sensitivities"] if row["experiment"] == "bed")
+    assert (of_bed["static_friction@D6-PMMA"], of_bed["depth"]) == (0, 0)
+    assert any("plate measured 0.55 +- 0.02; --fit static_friction@D6-steel" in one for one in found["remarks"])
+    assert any("D6" in one for one in found["borrowed"])
+    held = ["--fit", "static_friction@D6-steel=0.1..0.9", "--fit", "static_friction", "--budget", "30"]
+    for more, mean in ([], 0.55), (["--hold-out", "plate"], None):
+        assert run(["calibrate", str(tmp_path), *held, *more, "--json"]) == 0
+        prior = json.loads(capsys.readouterr().out)["priors"]["static_friction@D6-steel"]
+        assert prior["mean"] == (None if mean is None else pytest.approx(mean))

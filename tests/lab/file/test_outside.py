@@ -115,7 +115,8 @@ def test_the_lines_of_a_file_four_times_as_long_take_not_much_more_than_four_tim
         return time.process_time() - began
 
     seconds(100)
-    assert seconds(8000) < 10 * seconds(2000)  # it was sixteen times
+    # it was sixteen times; of a busy machine the least of three counts
+    assert min(seconds(8000) for _ in range(3)) < 10 * min(seconds(2000) for _ in range(3))
 
 
 def test_notes_that_are_far_too_long_are_refused_unread(tmp_path) -> None:
