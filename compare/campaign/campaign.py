@@ -45,8 +45,10 @@ class Campaign:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *error: Any) -> None:
-        self._opened.__exit__(*error)
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if isinstance(error, KeyboardInterrupt) and not getattr(error, "__notes__", None):
+            error.add_note(f"finished runs are kept in {self.store.folder}; the same command runs the others.")
+        self._opened.__exit__(kind, error, trace)
 
     def results(
         self, runs: Sequence[Run], progress: Progress = silent, *, stage: str = "running", retry: bool = True

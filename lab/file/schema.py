@@ -122,12 +122,21 @@ def _edge(parse: Callable[[Any], Any], kind: Callable[..., PlainValidator] = Pla
     return kind(check)
 
 
+def _is_bare(value: Any) -> bool:
+    """Whether a value has no unit."""
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
 def _quantity(dimension: str, lowest: float = -math.inf, highest: float = math.inf, *, open_low: bool = True) -> Any:
     def parse(value: Any) -> float:
         number = si(value, dimension)
         too_large = number > highest and not math.isclose(number, highest)  # as radians(175) is another than 175 deg
         if number < lowest or too_large or (open_low and number == lowest):
-            bare = dimension != "number" and not isinstance(value, str)
+            bare = dimension != "number" and _is_bare(value)
             unit, example = DIMENSIONS[dimension]
             hint = f"; a bare number is in {unit}, write it with its unit, like {example!r}" if bare else ""
             limits = _limits(lowest, highest, open_low) + ("" if unit == "1" or highest == math.inf else f" {unit}")

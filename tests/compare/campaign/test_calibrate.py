@@ -285,7 +285,19 @@ static_friction = "0.55 +- 0.06 (n = 9)"
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_an_experiment_tells_nothing_of_parameters_that_it_does_not_have(tmp_path, capsys, monkeypatch):
+def test_an_interrupted_calibration_says_what_is_kept(tmp_path, capsys, monkeypatch):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
+    monkeypatch.setattr("rigtwin.compare.campaign.search.sample", stopped)
+    (tmp_path / "lab.toml").write_text(ONE_RIG, encoding="utf-8")
+    assert run(["calibrate", str(tmp_path), "--budget", "13"]) == 130
+    assert f"finished runs are kept in {tmp_path / 'calibration' / 'runs'}" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_an_experiment_says_nothing_of_parameters_that_it_does_not_have(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
     (tmp_path / "lab.toml").write_text(ONE_RIG + BED + TILT, encoding="utf-8")
     wanted = ("rolling_friction", "static_friction@D6-PMMA=0.1..0.9", "depth=20mm..40mm")
