@@ -177,7 +177,7 @@ def ours(task: Task) -> int | None:
     fitted = [setting.experiment for rig, setting in rigs.items() if targets[rig]]
     model = Model(contacts={names: known for one in rigs.values() for names, known in one.model.contacts.items()})
     lab = Lab("stand-in", OUT, {}, {}, {}, tuple(fitted), model, (), OUT / "lab.toml")
-    search = WatchedSearch(lab, fitted, PARAMETERS, targets, {}, 60 * len(fitted), task.seed, {}, watch)
+    search = WatchedSearch(lab, fitted, PARAMETERS, targets, {}, 60 * len(fitted), task.seed, {}, watch=watch)
     search.run(StandInCampaign(task.twin), lambda *_: None)  # type: ignore[arg-type]
     return arrived[0] if arrived else None
 
