@@ -10,18 +10,20 @@ from __future__ import annotations
 import inspect
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.deviation import over_views
-from rigtwin.lab.quantity import Evaluation
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.rig_quantities import ABOVE_RIM
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 
 if TYPE_CHECKING:
     from rigtwin.compare.twins.many_body import Cast
     from rigtwin.lab.materials import Particle
+    from rigtwin.lab.quantity import Quantity
     from rigtwin.sim.engine.contact import Rolling
 
 RIM = 10e-3  # [m], height of the rim of a bowl
@@ -102,10 +104,7 @@ def piling(
     the outlet rises with the pile, `fall_height` [m] above it, at the rate of Beverloo's law; with `fall_height` None,
     too, the twin pours from its usual height and faster.
     """
-    import numpy as np
-
     from rigtwin.compare.twins.pile import pile_twin
-    from rigtwin.measure.pile import evaluate as pile
 
     cast = _cast(particle, wall)
     bead = cast.particle
@@ -119,11 +118,14 @@ def piling(
         threads=1,
         rolling=rolling,
     )
-    above = [replace(profile, height=np.maximum(profile.height - rim, 0.0)) for profile in twin.profiles]
-    seen = pile.evaluate(above, base_diameter=base_diameter, bead_diameter=bead.diameter)
-    from_plate = {f"{name}_from_plate": angle for name, angle in _angles(twin.evaluation).items()}
+    every = twin.evaluation.quantities
+    plate = [one for one in every if not one.method.endswith(ABOVE_RIM)]
+    above = [replace(one, method=one.method.removesuffix(ABOVE_RIM)) for one in every if one.method.endswith(ABOVE_RIM)]
+    if rim > 0 and not above:
+        raise BadInput(f"{particle}: nothing of the heap stands above the rim of {1e3 * rim:g} mm.")
+    from_plate = {f"{name}_from_plate": angle for name, angle in _angles(plate).items()}
     highest = max(float(profile.height.max()) for profile in twin.profiles)
-    return {**_angles(seen), **from_plate, "height_mm": 1e3 * highest, **_course(twin)}
+    return {**_angles(above or plate), **from_plate, "height_mm": 1e3 * highest, **_course(twin)}
 
 
 def packing(
@@ -178,7 +180,7 @@ def drum(
 
     rig = Drum(diameter, speed, depth, fill)
     twin = drum_twin(rig, _cast(particle, "PMMA"), seed=seed, turns=turns, threads=1, rolling=rolling)
-    return {**_angles(twin.evaluation), "mixing_index": twin.settings["mixing_index"], **_course(twin)}
+    return {**_angles(twin.evaluation.quantities), "mixing_index": twin.settings["mixing_index"], **_course(twin)}
 
 
 def slot_hopper(
@@ -310,10 +312,10 @@ def _cast(
     return Cast(bead, hlosta2020.material(wall), contact, hlosta2020.contact(particle, wall))
 
 
-def _angles(evaluation: Evaluation) -> dict[str, float]:
+def _angles(quantities: Sequence[Quantity]) -> dict[str, float]:
     """Mean angles over all views and both sides, by method; the first method also without its name."""
     found: dict[str, float] = {}
-    for quantity in over_views(evaluation.quantities):
+    for quantity in over_views(quantities):
         if quantity.unit != "deg" or quantity.detail.get("side") not in (None, "mean"):
             continue
         method = quantity.quantity.removeprefix("angle_of_repose_")
