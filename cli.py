@@ -135,14 +135,21 @@ app.command("import", epilog="Example: rigtwin import out/liggghts-pile")(decks.
 
 
 def _show_reproduction(found: Any, as_json: bool, quiet: bool) -> None:
-    show = calibrating.show_paper if hasattr(found, "found") else show_reproduction
+    show = show_reproduction if _of_tables(found) else calibrating.show_paper
     show(found, as_json, quiet)
 
 
 def _reproduction_warnings(found: Any) -> Sequence[str]:
-    if hasattr(found, "found"):
-        return [remark for one in found.found.values() for remark in one.remarks]
-    return reproduction_warnings(found)
+    if _of_tables(found):
+        return reproduction_warnings(found)
+    return [remark for one in found.found.values() for remark in one.remarks]
+
+
+def _of_tables(found: Any) -> bool:
+    """Whether the result holds the paper's tables, not a calibration on its measurements."""
+    from rigtwin.compare.reproduce.reproduce import Reproduction
+
+    return isinstance(found, Reproduction)
 
 
 @app.command(epilog="Example: rigtwin reproduce hlosta2020 --table 14 --repetitions 3")
@@ -189,7 +196,6 @@ def reproduce(
 
     The twins run with the published parameters. A run is kept when it ends; called again, only missing ones are run.
     """
-    from rigtwin.compare.reproduce.calibrated import reproduce_calibrated
     from rigtwin.compare.reproduce.reproduce import reproduce as fill
     from rigtwin.lab.errors import BadInput
 
@@ -198,6 +204,8 @@ def reproduce(
         for option, value in of_tables.items():
             if value:
                 raise BadInput(f"{option}: does not go with --calibrated; leave one of them out.")
+        from rigtwin.compare.reproduce.calibrated import reproduce_calibrated
+
         return partial(
             reproduce_calibrated,
             out or Path("out/reproduce") / reference,

@@ -36,7 +36,7 @@ from rigtwin.compare.twins.matched import (
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.checksums import sha256
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import Model, read_model
 from rigtwin.lab.file.schema import suggestion
@@ -233,8 +233,9 @@ def _side_by_side(
         for name, seed in zip(names[one.id], seeds, strict=True)
     ]
     done = run_all(runs, store, runner=where, progress=progress)
+    done.raise_faults()
     for name, why in done.failures.items():
-        raise (RigtwinError if name in done.faults else BadInput)(f"the twin of {name}: {why}")
+        raise BadInput(f"the twin of {name}: {why}")
     return {one.id: [twin_from(done.results[name]) for name in names[one.id]] for one in experiments}
 
 

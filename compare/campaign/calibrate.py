@@ -21,7 +21,16 @@ from rigtwin.compare.campaign.posterior import Parameter, Target
 from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.search import Search, State
 from rigtwin.compare.campaign.store import Store
-from rigtwin.compare.campaign.vary import WHOLE, applies, contact_pair, names, of_contact, of_pairs, parse
+from rigtwin.compare.campaign.vary import (
+    WHOLE,
+    applies,
+    contact_pair,
+    names,
+    need_different,
+    of_contact,
+    of_pairs,
+    parse,
+)
 from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import Measured, measuring
 from rigtwin.compare.report.fill_template import filled
@@ -246,9 +255,10 @@ def _parameters(
     measured: Mapping[str, Sequence[Quantity]],
     hold_out: Sequence[str],
 ) -> Iterator[Parameter]:
-    seen: dict[Any, str] = {}
-    for text in fit or ("static_friction", "rolling_friction"):
-        name = text.partition("=")[0].strip()
+    texts = fit or ("static_friction", "rolling_friction")
+    need_different([_name(text) for text in texts], fitted, option="--fit")
+    for text in texts:
+        name = _name(text)
         takers = [one for one in fitted if applies(name, one)]
         if not takers:
             known_names = dict.fromkeys(known for one in fitted for known in (*names(one), *of_pairs(one)))
@@ -260,14 +270,14 @@ def _parameters(
         if of_contact(name) in PARAMETERS and len(pairs) > 1:
             each = [f"{of_contact(name)}@{'-'.join(one)}" for one in pairs]
             raise BadInput(f"--fit: {name} would be one value of several contacts; name them: {', '.join(each)}.")
-        meant = (of_contact(name), *pairs) if of_contact(name) in PARAMETERS else name
-        if meant in seen:
-            raise BadInput(f"--fit: {seen[meant]} and {name} are the same parameter; take one of them out.")
-        seen[meant] = name
         known = _measured_value(of_contact(name), contact_pair(name, takers[0]), lab, measured, hold_out)
         low, high, source = _range(text, name, takers[0], known)
         mean, std = (known[0], known[1]) if known is not None else (None, None)
         yield Parameter(name, low, high, mean, std, source if known is None else f"{source}, measured by {known[2]}")
+
+
+def _name(text: str) -> str:
+    return text.partition("=")[0].strip()
 
 
 def _range(text: str, name: str, taker: Experiment, known: tuple[float, float, str] | None) -> tuple[float, float, str]:

@@ -12,12 +12,13 @@ import numpy as np
 from rigtwin.compare.campaign import emulator as emulators
 from rigtwin.compare.campaign.posterior import CONVERGED, Parameter, Target
 from rigtwin.compare.campaign.search import Search, State
-from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, applies, at, of_contact
+from rigtwin.compare.campaign.vary import OF_PARTICLE, of_contact
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.materials import PARAMETERS
 
+# thresholds of verdicts in words; they change no interval
 TIED = 0.8  # correlation from which two parameters are named as ambiguous
 WIDE = 0.2  # standard deviation over the range from which a parameter is not determined; a uniform one has 0.29
 WEAK = 0.02  # share of the variance of a quantity below which a parameter has no visible influence on it
@@ -150,7 +151,7 @@ def calibration_of(search: Search, found: State, predictions: tuple[dict[str, An
 
     parameters, posterior = search.parameters, found.fitted
     samples = np.column_stack([one.value(found.samples[:, k]) for k, one in enumerate(parameters)])
-    best = {one.name: float(one.value(found.best[k])) for k, one in enumerate(parameters)}
+    best = search.values(found.best)
     square = float(posterior.chi_square(found.best[None, :])[0])
     free = max(len(posterior.targets) - sum(one.mean is None for one in parameters), 1)
     shares = [emulators.main_effects(one, len(parameters), seed=search.seed) for one in posterior.emulators]
@@ -165,10 +166,9 @@ def _best_model(search: Search, best: Mapping[str, float]) -> Model:
     """The model of the lab with the best set."""
     model = search.lab.model
     for experiment in search.fitted:
-        mine = {name: value for name, value in best.items() if applies(name, experiment)}
-        moved = at(Setting(experiment, model), mine)
+        moved = search.setting(experiment, best, model)
         model = moved.model
-        if OF_PARTICLE.keys() & mine.keys() and moved.experiment.particle.shape is None:
+        if OF_PARTICLE.keys() & best.keys() and moved.experiment.particle.shape is None:
             particle = moved.experiment.particle
             model = replace(
                 model,
@@ -180,9 +180,7 @@ def _best_model(search: Search, best: Mapping[str, float]) -> Model:
 
 def _at_best(search: Search, best: Mapping[str, float]) -> Experiment:
     """The first fitted experiment with the best set."""
-    experiment = search.fitted[0]
-    mine = {name: value for name, value in best.items() if applies(name, experiment)}
-    return at(Setting(experiment, search.lab.model), mine).experiment
+    return search.setting(search.fitted[0], best).experiment
 
 
 def _remarks(search: Search, found: State, best: Mapping[str, float]) -> Iterator[str]:

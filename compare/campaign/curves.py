@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rigtwin.lab.quantity import Measurement
 
 OF_CURVE = " of the curve"
+# chosen beforehand, not fitted to labs; the row that tests them together is the recovery of `make bench-calibrate`
 COMPONENTS = 2  # of a curve
 LEAST = 0.05  # share of the variance among twins that a component has at least
 POINTS = 60  # of a curve

@@ -10,7 +10,7 @@ import numpy as np
 
 from rigtwin.compare.campaign.search import Search, State, results_of
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import OF_PARTICLE, Setting, applies, at, of_contact
+from rigtwin.compare.campaign.vary import OF_PARTICLE, of_contact
 from rigtwin.compare.deviation import is_result, key_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.file.lab_file import Experiment
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rigtwin.lab.arrays import Array
     from rigtwin.lab.progress import Progress
 
+# they scale the ranking of candidates, not the fit
 SEEDS = 2  # runs of each candidate with each set
 REPETITIONS = 3  # that the further experiment would have
 READ = 0.02  # relative standard uncertainty with which a result is read, beside its scatter
@@ -67,11 +68,10 @@ def next_experiments(search: Search, found: State, campaign: Campaign, progress:
     runs: dict[tuple[str, int, int], Run] = {}
     for one in candidates(search.fitted):
         for k, point in enumerate(ends):
-            values = {p.name: float(p.value(point[i])) for i, p in enumerate(search.parameters)}
-            mine = {name: value for name, value in values.items() if applies(name, one) and not _of_rig(name)}
+            shared = {name: value for name, value in search.values(point).items() if not _of_rig(name)}
+            moved = search.setting(one, shared)
             for j in range(SEEDS):
                 name = f"next-{one.rig_name}-set-{k}-seed-{j}"
-                moved = at(Setting(one, search.lab.model), mine)
                 runs[one.id, k, j] = twin_run(name, *moved, seed=search.seed + j, **search.options)
     done = results_of(list(runs.values()), campaign, progress, "candidates for a further experiment")
     found.runs += len(runs)

@@ -11,6 +11,7 @@ import numpy as np
 from rigtwin.compare.campaign.emulator import Emulator
 from rigtwin.lab.arrays import Array
 
+# chosen beforehand, not fitted to labs; the row that tests them together is the recovery of `make bench-calibrate`
 WALKERS = 32
 STEPS, MOST_STEPS = 900, 7200  # of a walker
 CONVERGED = 50  # autocorrelation times after which a chain counts as converged, as emcee's documentation has it

@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from rigtwin.compare.campaign.campaign import Campaign
     from rigtwin.compare.campaign.run import Done, Result, Run
     from rigtwin.lab.file.lab_file import Experiment, Lab
+    from rigtwin.lab.file.model_file import Model
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Measurement
 
 SPENT = "the runs are spent"
+# chosen beforehand, not fitted to labs; the row that tests them together is the recovery of `make bench-calibrate`
 FIRST = 3  # points of the first design for each parameter
 FEWEST = 8  # points of the first design
 CONFIRMED = 3  # runs of the best set
@@ -167,9 +169,16 @@ class Search:
 
     def twin(self, experiment: Experiment, point: Array, name: str, seed: int) -> Run:
         """The run of an experiment at a point of the unit cube."""
-        values = {one.name: float(one.value(point[k])) for k, one in enumerate(self.parameters)}
+        return twin_run(name, *self.setting(experiment, self.values(point)), seed=seed, **self.options)
+
+    def values(self, point: Array) -> dict[str, float]:
+        """Values of the parameters in SI at a point of the unit cube."""
+        return {one.name: float(one.value(point[k])) for k, one in enumerate(self.parameters)}
+
+    def setting(self, experiment: Experiment, values: Mapping[str, float], model: Model | None = None) -> Setting:
+        """An experiment and the model, of the lab or as given, with those values that the twin has."""
         mine = {name: value for name, value in values.items() if applies(name, experiment)}
-        return twin_run(name, *at(Setting(experiment, self.lab.model), mine), seed=seed, **self.options)
+        return at(Setting(experiment, self.lab.model if model is None else model), mine)
 
     def _update(self, found: State) -> None:
         unit = np.array(found.unit)

@@ -15,7 +15,18 @@ from rigtwin.compare.campaign.run import Done, Run
 from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.sweep_figures import figures
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
-from rigtwin.compare.campaign.vary import MOST_POINTS, WHOLE, Design, Point, Setting, Varied, at, parse, points
+from rigtwin.compare.campaign.vary import (
+    MOST_POINTS,
+    WHOLE,
+    Design,
+    Point,
+    Setting,
+    Varied,
+    at,
+    need_different,
+    parse,
+    points,
+)
 from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.twins.registry import entry_of
@@ -221,6 +232,7 @@ def sweep(
     varied = tuple(parse(text, setting.experiment) for text in vary)
     if not varied:
         raise BadInput("--vary: nothing is varied; give a parameter like static_friction=0.05..1.5:8.")
+    need_different([one.name for one in varied], [setting.experiment], option="--vary")
     where = tuple(points(varied, design, number, seed))
     if (whole := len(where) * repetitions) > MOST_POINTS:
         raise BadInput(

@@ -130,6 +130,19 @@ def contact_pair(name: str, experiment: Experiment) -> tuple[str, str]:
     return experiment.contacts[0 if name.startswith("wall_") else -1]
 
 
+def need_different(said: Sequence[str], experiments: Sequence[Experiment], *, option: str) -> None:
+    """Raise `BadInput` if two of the names mean the same contact's parameter in an experiment, or are the same."""
+    for experiment in experiments:
+        seen: dict[Any, str] = {}
+        for name in (one for one in said if applies(one, experiment)):
+            of_a_contact = of_contact(name) in PARAMETERS
+            meant = (of_contact(name), *sorted(contact_pair(name, experiment))) if of_a_contact else name
+            if meant in seen:
+                same = "is given twice" if seen[meant] == name else f"and {seen[meant]} are the same parameter"
+                raise BadInput(f"{option}: {name} {same}; take one of them out.")
+            seen[meant] = name
+
+
 def names(experiment: Experiment) -> list[str]:
     """The parameters of an experiment that can be varied, without those of effects."""
     own = list(PARAMETERS) if experiment.rig.particles_touch else []
@@ -155,10 +168,8 @@ def points(varied: Sequence[Varied], design: Design, number: int | None, seed: i
     Raises
     ------
     BadInput
-        If a parameter is given twice, or number and design do not go together.
+        If number and design do not go together.
     """
-    if twice := {one.name for one in varied if sum(one.name == other.name for other in varied) > 1}:
-        raise BadInput(f"--vary: {min(twice)} is given twice; take one of them out.")
     if design == "grid":
         if number is not None:
             raise BadInput("--points: a grid has as many points as its levels give; leave it out, or give --design.")

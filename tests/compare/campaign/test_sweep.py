@@ -243,6 +243,10 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(tmp_path, capsys):
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--cluster", "abc"], "neither the address"),
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--vary", "count=7,8"], "given twice"),
         (
+            ["sweep", "packing", *BED, "--vary", "static_friction=0.1,0.2", "--vary", "static_friction@D6-D6=0.3,0.4"],
+            "static_friction@D6-D6 and static_friction are the same parameter",
+        ),
+        (
             ["sweep", "packing", *BED, "--vary", "static_friction=0.1..0.5:101", "--repetitions", "100"],
             "101 points with 100 repetitions are 10100 runs; give fewer of one of them, at most 10000 runs.",
         ),
