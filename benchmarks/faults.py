@@ -345,7 +345,7 @@ def cells(folder: Path) -> object:
 
 
 def all_but_one(place: Path) -> Callable[[Path], None]:
-    """Fill a store with all runs of a table but the shortest one, whose result stands for the others'."""
+    """Fill a store with all runs of a table but the shortest one; all have the result of that one."""
     runs = plan([7], quick=True, repetitions=None, seed=1).runs
     shortest = min(runs, key=lambda run: run.cost)
     kept: list[Result] = []

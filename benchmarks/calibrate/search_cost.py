@@ -2,13 +2,13 @@
 
     SEED=1 COUNT=6 python benchmarks/calibrate/search_cost.py
 
-Static and rolling friction are sought from a packing, a heap and a drum.  So that every search can be repeated, an
-emulator of 32 points of our own twins stands for the twin, and its scatter from seed to seed is added: the figures are
-those of the searches, not of the simulation, and an emulator of the same kind as ours favours our search.  A search has
-arrived when its best set fits, without scatter, within the measurements' noise: `ARRIVED` is what the true set has on
-average, and a third more.  Best is for our search the most likely set, for the others the point with the least misfit
-that they have run; of CMA-ES the middle of its distribution counts, too.  CMA-ES is that of the package `cma` (Hansen &
-Ostermeier 2001), which ACCES uses, too.
+Static and rolling friction are sought from a packing, a heap and a drum.  The simulation is replaced by an emulator,
+fitted to 32 points of our own twins, to which the scatter from seed to seed is added, so that each search can be
+repeated.  The emulator is of the same kind as ours, which favours our search.  A search has ended when its best set
+fits the measurements within their noise (`ARRIVED`, a third above the mean squared deviation of the true set; without
+the scatter of the run).  The best set is the most likely one for our search, for the others the point with the least
+misfit among those that were run; for CMA-ES (package `cma`, Hansen & Ostermeier 2001) also the mean of its
+distribution.
 """
 
 from __future__ import annotations
