@@ -5,6 +5,7 @@ Angles and angular momenta about the two pivots; an impact passes a momentum alo
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Mapping
 
@@ -47,7 +48,7 @@ def move(condition: Condition, off: Mapping[str, float], hidden: Hidden) -> Moti
     def places(q: Array) -> tuple[complex, complex]:
         """Centres: x + i y."""
         return (
-            -half - 1j * lengths[0] * np.exp(1j * float(q[0])), half - 1j * lengths[1] * np.exp(1j * float(q[1]))
+            -half - 1j * lengths[0] * cmath.exp(1j * q[0]), half - 1j * lengths[1] * cmath.exp(1j * q[1])
         )  # fmt: skip
 
     def moments(t: float, q: Array, rates: tuple[float, float]) -> list[float]:
@@ -58,7 +59,7 @@ def move(condition: Condition, off: Mapping[str, float], hidden: Hidden) -> Moti
             a, b = places(q)
             push = hidden.apart(abs(b - a), sphere) * (b - a) / abs(b - a)
             for k, sign in ((0, -1), (1, 1)):
-                along = np.exp(1j * float(q[k]))  # direction in which the angle grows
+                along = cmath.exp(1j * q[k])  # direction in which the angle grows
                 found[k] += sign * lengths[k] * float((push * along.conjugate()).real)
         return found
 

@@ -194,7 +194,7 @@ LISTED = (
         {"thick": thread.thread_drag(True), "thin": thread.thread_drag(False)},
         ("pendulum",),
         ("thread drag", "string drag", "thread&drag"),
-        also=("air_drag", "linear_drag"),
+        also=("air_drag", "linear_drag", "pivot_viscous"),
     ),
     Effect(
         "length_error",

@@ -19,7 +19,7 @@ class Fluid:
 
 def schiller_naumann(reynolds: float) -> float:
     """Drag coefficient; Schiller & Naumann 1933, 0.44 above a Reynolds number of 1000."""
-    return 24 / reynolds * (1 + 0.15 * reynolds**0.687) if reynolds < 1000 else 0.44
+    return 24 / reynolds * (1 + 0.15 * math.pow(reynolds, 0.687)) if reynolds < 1000 else 0.44
 
 
 def brown_lawler(reynolds: float) -> float:
