@@ -10,7 +10,6 @@ import numpy as np
 from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State
 from rigtwin.lab.arrays import Array
 
-LEAST_SCATTER = 1e-3  # smallest standard deviation of a restitution or a rebound direction
 LEAST_DETERMINED = 0.2  # smallest share of deviations that count as determined by the data, in one update
 
 
@@ -28,7 +27,7 @@ def expect_scatter(bench: Bench, state: State, linear: Linear, most: Array) -> N
         if mine.any():
             known = 1.0 - np.minimum(variance[mine] / state.scatter[h] ** 2, 1.0)
             square = float(np.sum(linear.soft[mine] ** 2) / max(float(np.sum(known)), LEAST_DETERMINED * known.size))
-            state.scatter[h] = max(min(math.sqrt(square), float(most[h])), LEAST_SCATTER)
+            state.scatter[h] = max(min(math.sqrt(square), float(most[h])), float(bench.scatter_least[h]))
 
 
 def jitter_of(bench: Bench, linear: Linear, mask: Any) -> tuple[float, float]:

@@ -25,6 +25,7 @@ class Bench(Moving, Protocol):
     local_sd: Array  # (R, L)
     scatter: Array  # (R, S) index of the scatter parameter of each deviation, -1 for none
     scatter_start: Array  # (H,)
+    scatter_least: Array  # (H,), smallest scatter that a fit may find
     scatter_most: Array  # (H,), upper limit of the scatter without an effect that widens it
     condition: Array  # (R,) number of the condition of each repetition
 

@@ -31,6 +31,7 @@ class PendulumBench:
     bodies = 1
     onset = 0
     small = SMALL
+    set_up = -1
     drivable = True
     per_run = ("length", "which", "bead")
 
@@ -66,7 +67,7 @@ class PendulumBench:
         self.local_sd = np.stack([np.full(repetitions, 10.0), release_sd * shared(self.condition)], axis=1)
         self.local_step = np.array([1e-3, 1e-2])
         self.scatter = np.zeros((repetitions, 0), dtype=int)
-        self.scatter_start = self.scatter_most = np.zeros(0)
+        self.scatter_start = self.scatter_least = self.scatter_most = np.zeros(0)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Lengths and calibration with their priors, and coefficients of the terms."""
