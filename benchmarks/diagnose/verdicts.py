@@ -234,7 +234,7 @@ def share(results: Sequence[Result], good: Iterable[bool]) -> float:
     return sum(flags) / len(flags) if flags else math.nan
 
 
-def _row(name: str, flags: Sequence[bool], *, at_least: float | None = None, at_most: float | None = None) -> Row:
+def share_row(name: str, flags: Sequence[bool], *, at_least: float | None = None, at_most: float | None = None) -> Row:
     count, hits = len(flags), sum(flags)
     value = hits / count if count else math.nan
     low, high = _interval(hits, count)
@@ -270,48 +270,50 @@ def figures(results: Sequence[Result]) -> list[Row]:
     not_named = [r for r in unlisted if not r.answer.names]  # what a wrong name closes is no merit
     flights = [r for r in unlisted if r.truth["rig"] == "drop"]
     rows = [
-        _row("no answer", [r.answer.verdict == "failed" for r in results], at_most=0.0),
-        _row("nulls: false alarms", [r.answer.verdict not in ("none", "failed") for r in nulls], at_most=0.02),
-        _row("nulls: an effect named", [r.answer.verdict == "named" for r in nulls], at_most=0.02),
-        _row("clear singles: true name first", [r.first_right for r in clear], at_least=0.95),
-        _row("clear singles: true name in the set", [r.in_set for r in clear], at_least=0.99),
+        share_row("no answer", [r.answer.verdict == "failed" for r in results], at_most=0.0),
+        share_row("nulls: false alarms", [r.answer.verdict not in ("none", "failed") for r in nulls], at_most=0.02),
+        share_row("nulls: an effect named", [r.answer.verdict == "named" for r in nulls], at_most=0.02),
+        share_row("clear singles: true name first", [r.first_right for r in clear], at_least=0.95),
+        share_row("clear singles: true name in the set", [r.in_set for r in clear], at_least=0.99),
         _set_size(clear),
-        _row("clear singles: wrong name", [r.wrong_name for r in clear], at_most=0.03),
-        _row("weak singles: true name first", [r.first_right for r in weak]),
-        _row("weak singles: wrong name", [r.wrong_name for r in weak], at_most=0.05),
-        _row("listed called unlisted", [r.answer.verdict == "unlisted" for r in singles + pairs], at_most=0.03),
-        _row("unlisted called unlisted", [r.answer.verdict == "unlisted" for r in unlisted], at_least=0.90),
-        _row("unlisted taken for a listed effect", [r.answer.verdict == "named" for r in unlisted]),
-        _row("pairs: both named", [_both(r) for r in pairs], at_least=0.85),
-        _row("pairs: both named, or one of those not distinguished", [_both(r, sets=True) for r in pairs]),
-        _row("pairs: one of them named", [any(map(r.right, r.answer.names)) for r in pairs], at_least=0.98),
+        share_row("clear singles: wrong name", [r.wrong_name for r in clear], at_most=0.03),
+        share_row("weak singles: true name first", [r.first_right for r in weak]),
+        share_row("weak singles: wrong name", [r.wrong_name for r in weak], at_most=0.05),
+        share_row("listed called unlisted", [r.answer.verdict == "unlisted" for r in singles + pairs], at_most=0.03),
+        share_row("unlisted called unlisted", [r.answer.verdict == "unlisted" for r in unlisted], at_least=0.90),
+        share_row("unlisted taken for a listed effect", [r.answer.verdict == "named" for r in unlisted]),
+        share_row("pairs: both named", [_both(r) for r in pairs], at_least=0.85),
+        share_row("pairs: both named, or one of those not distinguished", [_both(r, sets=True) for r in pairs]),
+        share_row("pairs: one of them named", [any(map(r.right, r.answer.names)) for r in pairs], at_least=0.98),
         *(
-            _row(
+            share_row(
                 f"{strength} singles: true name first",
                 [r.first_right for r in singles if r.truth["strength"] == strength],
             )
             for strength in STRENGTHS
             if strength != "weak"
         ),
-        _row("next experiment, carried out: set split", [r.split for r in results if r.after], at_least=0.90),
+        share_row("next experiment, carried out: set split", [r.split for r in results if r.after], at_least=0.90),
         *_closure(named, "named", "held_out", 0.9),
         *_closure(named, "named", "condition", 0.8),
-        _row("unlisted forces in flight: the right terms", [r.right_terms for r in flights], at_least=0.90),
-        _row(
+        share_row("unlisted forces in flight: the right terms", [r.right_terms for r in flights], at_least=0.90),
+        share_row(
             "unlisted forces in flight: the right terms, and gap closed by 80 % on held-out repetitions",
             [r.right_law for r in flights if r.closed("held_out") is not None],
             at_least=0.90,
         ),
-        _row("unlisted: the right terms", [r.right_terms for r in unlisted]),
-        _row("unlisted: a formula with other terms", [bool(r.answer.form) and not r.right_terms for r in unlisted]),
-        _row(
+        share_row("unlisted: the right terms", [r.right_terms for r in unlisted]),
+        share_row(
+            "unlisted: a formula with other terms", [bool(r.answer.form) and not r.right_terms for r in unlisted]
+        ),
+        share_row(
             "unlisted: the right terms, and gap closed by 80 % on held-out repetitions",
             [r.right_law for r in unlisted],
         ),
         *_closure(not_named, "not named", "held_out", 0.8),
         *_closure(not_named, "not named", "condition", 0.8),
         _coverage(singles + pairs),
-        *_time(results),
+        *time_rows(results),
     ]
     return rows
 
@@ -356,13 +358,13 @@ def _coverage(results: Sequence[Result]) -> Row:
                 value, std = found.get("value"), found.get("std")
                 if true is not None and value is not None and std:
                     inside.append(abs(value - true) <= 1.96 * std)
-    row = _row("parameters: 95 % interval holds the truth", inside)
+    row = share_row("parameters: 95 % interval holds the truth", inside)
     if not inside:
         return row
     return Row(row.name, row.value, "1", None, "90 % to 98 %", 0.90 <= row.value <= 0.98, row.note)
 
 
-def _time(results: Sequence[Result]) -> list[Row]:
+def time_rows(results: Sequence[Result]) -> list[Row]:
     cpu = [r.answer.cpu for r in results if math.isfinite(r.answer.cpu)]
     if not cpu:
         return []
@@ -405,18 +407,12 @@ def _one(job: Job) -> Result:
 def _asked(job: Job, name: str, design: dict[str, Any] | None) -> tuple[dict[str, Any], Answer]:
     """The truth of a lab and what the diagnosis says of it."""
     drawn = f"{job.drawn} {json.dumps(design)}" if design else job.drawn
-    truth = _kept(job.folder / "truth" / f"{name}.json", "drawn", drawn)
+    truth = kept(job.folder / "truth" / f"{name}.json", "drawn", drawn)
     if truth is None:
         shape: dict[str, Any] = {"narrowed": job.narrowed, "design": design}
         truth = write(job.case, name, (job.seed, job.number), job.folder, **shape) | {"drawn": drawn}
         (job.folder / "truth" / f"{name}.json").write_text(json.dumps(truth, indent=1) + "\n")
-    file = job.folder / "answers" / f"{name}.json"
-    document = _kept(file, "asked", f"{drawn} {job.asked}")
-    if document is None:
-        document = diagnose(job.folder / "labs" / name) | {"asked": f"{drawn} {job.asked}"}
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(json.dumps(document, indent=1, default=str) + "\n")
-    answer = read_answer(document)
+    answer = ask(job.folder, name, f"{drawn} {job.asked}")
     said = ", ".join(answer.names) or answer.form or answer.failure
     if answer.together:
         said += f" {{{'; '.join(', '.join(group) for group in answer.together)}}}"
@@ -428,7 +424,18 @@ def _asked(job: Job, name: str, design: dict[str, Any] | None) -> tuple[dict[str
     return truth, answer
 
 
-def _answered(folder: Path, name: str) -> Result | None:
+def ask(folder: Path, name: str, asked: str) -> Answer:
+    """What the diagnosis says of a lab that was drawn, or what it said before if `asked` is the same."""
+    file = folder / "answers" / f"{name}.json"
+    document = kept(file, "asked", asked)
+    if document is None:
+        document = diagnose(folder / "labs" / name) | {"asked": asked}
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(json.dumps(document, indent=1, default=str) + "\n")
+    return read_answer(document)
+
+
+def answered(folder: Path, name: str) -> Result | None:
     try:
         truth = json.loads((folder / "truth" / f"{name}.json").read_text())
         return Result(truth, read_answer(json.loads((folder / "answers" / f"{name}.json").read_text())))
@@ -436,7 +443,7 @@ def _answered(folder: Path, name: str) -> Result | None:
         return None
 
 
-def _kept(file: Path, key: str, value: str) -> dict[str, Any] | None:
+def kept(file: Path, key: str, value: str) -> dict[str, Any] | None:
     """A document written before, unless the code has changed since."""
     try:
         document: dict[str, Any] = json.loads(file.read_text())
@@ -488,7 +495,7 @@ def main() -> int:
         jobs = in_small(given.seed, given.keep)
     if given.kept:
         results = [
-            found for job in jobs if (found := _answered(job.folder, f"s{job.seed}c{job.number:03d}")) is not None
+            found for job in jobs if (found := answered(job.folder, f"s{job.seed}c{job.number:03d}")) is not None
         ]
     elif given.processes == 1:
         results = [_one(job) for job in jobs]
