@@ -6,7 +6,7 @@ F_D = 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta, and C_D = 0.44
 
 Parameters:
 - `density` [kg/m^3], 300 to 3000, typically 1000: rho of the liquid
-- `log_viscosity` [dimensionless], -1 to 4, typically 0: log10 of eta in mPa s; 0 for water
+- `log_viscosity` [dimensionless], -1 to 3.5, typically 0: log10 of eta in mPa s; 0 for water
 
 Source: Batchelor 1967, section 6.8; Schiller & Naumann 1933; Clift, Grace & Weber 1978
 """
@@ -42,14 +42,16 @@ EFFECT = Effect(
     kind="physical",
     rigs=("drop",),
     parameters=(
-        Parameter("density", "kg/m^3", 300.0, 3000.0, 1000.0, starts=(800.0, 1200.0), meaning="rho of the liquid"),
+        Parameter("density", "kg/m^3", 300.0, 3000.0, 1000.0, starts=(1000.0,), meaning="rho of the liquid"),
         Parameter(
-            "log_viscosity", "1", -1.0, 4.0, 0.3, assumed=(0.0, 1.0), meaning="log10 of eta in mPa s; 0 for water"
-        ),
+            "log_viscosity", "1", -1.0, 3.5, 0.3, assumed=(0.0, 1.0), starts=(0.0, 2.0),
+            meaning="log10 of eta in mPa s; 0 for water",
+        ),  # fmt: skip
     ),
     equation="(m + m_l/2) a = (m_l - m) g - F_D, m_l = rho 4/3 pi R^3",
     source="Batchelor 1967, section 6.8; Schiller & Naumann 1933; Clift, Grace & Weber 1978",
     synonyms=("liquid", "water", "immersion", "buoyancy and drag", "submerged", "viscous liquid"),
     force=force,
+    slow=True,
     splits="beads of two densities in the same liquid: the denser one is held up less",
 )
