@@ -10,7 +10,8 @@ chi-square over the best plain model (`independent_labs_gain`):
 - ``moderate``: 80 to 600, four times that limit and more; its size is set so
 - ``strong``: above 600, of the size that a real lab may have; where that shows less, ``moderate``
 
-What nature sets (the drag of air, say) keeps its size: another bench is drawn until the gain fits.  Of two effects at
+What nature sets (the drag of air, say) keeps its size: beads make the strength, and another bench is drawn where the
+effect is near the limit and should not be, or the other way round.  Of two effects at
 once each is weighed alone, and the weaker one makes the class.
 """
 
@@ -27,8 +28,10 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.benchmarks.diagnose import independent_labs_double as double
 from rigtwin.benchmarks.diagnose import independent_labs_drop as drop
 from rigtwin.benchmarks.diagnose import independent_labs_pendulum as pendulum
+from rigtwin.benchmarks.diagnose import independent_labs_roll as roll
 from rigtwin.benchmarks.diagnose import independent_labs_slide as slide
 from rigtwin.benchmarks.diagnose.independent_labs_effects import ALL, LISTED, PAIRS, UNLISTED
 from rigtwin.benchmarks.diagnose.independent_labs_film import (
@@ -52,12 +55,14 @@ from rigtwin.benchmarks.diagnose.independent_labs_types import (
     combined,
 )
 
-BUILD = {"drop": drop.lab, "pendulum": pendulum.lab, "slide": slide.lab}
+BUILD = {
+    "drop": drop.lab, "pendulum": pendulum.lab, "slide": slide.lab, "roll": roll.lab, "double": double.lab
+}  # fmt: skip
 RIGS = tuple(BUILD)
 KINDS = ("null", "single", "pair", "unlisted")
 STRENGTHS = ("near", "moderate", "strong")
 GAINS = {"near": (16.0, 40.0), "moderate": (80.0, 600.0), "strong": (600.0, math.inf)}
-BENCHES = 12  # drawn at most until the effect shows as much as it should
+BENCHES = 8  # drawn at most until the effect shows as much as it should
 CLOSE = 0.25  # of the gain that is wanted
 
 
@@ -123,7 +128,7 @@ def draw(case: Case, rng: Rng) -> Drawn:
     """A lab that hides what the case asks for, as strong as it asks; another strength only if no bench would do."""
     setup: dict[str, Any] = {}
     for name in case.effects:
-        setup |= ALL[name].setup
+        setup |= {**ALL[name].setup, **ALL[name].on.get(case.rig, {})}
         if beads := ALL[name].beads.get(case.strength):
             setup["materials"] = beads
     if case.kind == "pair":
@@ -136,20 +141,18 @@ def draw(case: Case, rng: Rng) -> Drawn:
         parts = [_sized(name, law, case.strength, lab, rng) for name, law in zip(case.effects, case.laws, strict=True)]
         hidden = combined([part.hidden for part in parts])
         least = min(parts, key=lambda part: part.gain)
-        found.append(Drawn(lab, hidden, tuple(part.sizes[0] for part in parts), least.gain, strength_of(least.gain)))
-        enough = case.strength == "strong" and found[-1].strength == "moderate" and not _fixed(case)
-        if found[-1].strength == case.strength or enough:
+        found.append(Drawn(lab, hidden, tuple(part.sizes[0] for part in parts), least.gain, least.strength))
+        clear = case.strength in STRENGTHS[1:] and found[-1].strength in STRENGTHS[1:]
+        if clear or found[-1].strength == case.strength:
             return found[-1]
     return max(found, key=lambda one: one.gain)
-
-
-def _fixed(case: Case) -> bool:
-    return any(ALL[name].fixed for name in case.effects)
 
 
 def _sized(name: str, law: str, strength: str, lab: Lab, rng: Rng) -> Drawn:
     """One effect by one law, as strong as is wanted if its size is not nature's."""
     sized = ALL[name].laws[law](rng, lab)
+    if ALL[name].absorbed:
+        return Drawn(lab, sized(1.0), (1.0,), math.nan, strength)
     weigh = Strength(lab)
     size, gain = 1.0, weigh.gain(sized(1.0))
     low, high = GAINS[strength]
@@ -272,11 +275,11 @@ def _truth(name: str, case: Case, drawn: Drawn, world: dict[tuple[str, str], flo
         "effects": list(case.effects),
         "laws": list(case.laws),
         "strength": drawn.strength,
-        "gain": round(drawn.gain, 1),
+        "gain": round(drawn.gain, 1) if math.isfinite(drawn.gain) else None,  # none where a plain model takes it up
         "sizes": [float(f"{size:.4g}") for size in drawn.sizes],
         "synonyms": {effect.name: [effect.name.replace("_", " "), *effect.synonyms] for effect in effects},
         "also_acceptable": {effect.name: list(effect.also) for effect in effects if effect.also},
-        "unseen": False,
+        "unseen": any(effect.unseen for effect in effects),
         "parameters": {key: float(value) for key, value in drawn.hidden.shifts.items()},
         "where": {},
         "world": {f"{what}:{group}": value for (what, group), value in world.items()},
@@ -312,7 +315,7 @@ def main() -> None:
         truth = write(case, name, (given.seed, number), given.out)
         hidden = " + ".join(f"{e} ({law})" for e, law in zip(case.effects, case.laws, strict=True)) or "nothing"
         sys.stdout.write(
-            f"{name}  {case.rig:9} {hidden:45} {truth['strength']:9} gain {truth['gain']:9.0f} "
+            f"{name}  {case.rig:9} {hidden:45} {truth['strength']:9} gain {truth['gain']} "
             f"{truth['samples']:6d} samples\n"
         )
 

@@ -28,7 +28,10 @@ class Effect:
     listed: bool = True
     fixed: bool = False  # nature sets the size; the bench must fit it
     setup: Mapping[str, Any] = field(default_factory=dict)  # what the rig needs for it
+    on: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ... and what one of its rigs needs besides
     beads: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # materials by strength, where these make it
+    absorbed: bool = False  # a plain model with a number for each bead takes it up: it is no worse, but less simple
+    unseen: bool = False  # ... and the effect has no other trace
 
 
 LISTED = (
@@ -75,7 +78,7 @@ LISTED = (
             "plastic": flight.by_impact_speed(flight.plastic),
             "yield": flight.by_impact_speed(flight.thornton),
         },
-        ("drop",),
+        ("drop", "double"),
         (
             "velocity dependent restitution",
             "speed dependent restitution",
@@ -91,7 +94,7 @@ LISTED = (
     Effect(
         "adhesion",
         {"JKR": flight.energy_loss(4 / 3), "DMT": flight.energy_loss(1.0), "alike": flight.energy_loss(0.0)},
-        ("drop",),
+        ("drop", "double"),
         ("adhesion", "cohesion", "jkr", "sticking", "stickiness", "adhesion&jkr", "adhesion&energy"),
     ),
     Effect(
@@ -119,19 +122,19 @@ LISTED = (
     Effect(
         "wrong_frame_rate",
         {"any ratio": camera.shift("clock", 0.005, 0.05), "usual ratio": camera.other_clock},
-        ("drop", "pendulum"),
+        ("drop", "pendulum", "double", "roll"),
         ("wrong frame rate", "frame rate", "frame rate error", "clock", "frame&rate&!shutter"),
     ),
     Effect(
         "scale_error",
         {"ratio": camera.shift("scale", 0.01, 0.05)},
-        ("drop", "pendulum"),
+        ("drop", "pendulum", "double"),
         ("scale error", "wrong scale", "scale", "pixel scale", "scale&error"),
     ),
     Effect(
         "camera_roll",
         {"turn": camera.shift("roll", 0.012, 0.06)},
-        ("drop", "pendulum"),
+        ("drop", "pendulum", "double"),
         ("camera roll", "roll", "tilted camera", "camera&roll", "camera&tilt"),
     ),
     Effect(
@@ -149,8 +152,9 @@ LISTED = (
     Effect(
         "plate_tilt",
         {"leaning": camera.shift("level", 0.01, 0.05)},
-        ("drop",),
+        ("drop", "roll"),
         ("plate tilt", "tilted plate", "plate level", "non-level plate", "plate&tilt", "plate&level"),
+        on={"roll": {"both_ways": True}},
     ),
     Effect(
         "release_speed",
@@ -161,7 +165,7 @@ LISTED = (
     Effect(
         "pivot_friction",
         {"constant": thread.moment(thread.dry, 1e-3, 2e-2), "by load": thread.moment(thread.dry_by_load, 1e-3, 2e-2)},
-        ("pendulum",),
+        ("pendulum", "double"),
         (
             "pivot friction",
             "dry pivot friction",
@@ -176,7 +180,7 @@ LISTED = (
     Effect(
         "pivot_viscous",
         {"linear": thread.moment(thread.viscous, 2e-3, 4e-2), "bearing": thread.moment(thread.bearing, 2e-3, 4e-2)},
-        ("pendulum",),
+        ("pendulum", "double"),
         ("pivot viscous", "viscous pivot friction", "linear damping", "viscous damping", "pivot&viscous"),
     ),
     Effect(
@@ -195,7 +199,7 @@ LISTED = (
     Effect(
         "length_error",
         {"offset": camera.shift("length", 0.003, 0.012), "ratio": camera.shift("length_ratio", 0.01, 0.04)},
-        ("pendulum",),
+        ("pendulum", "double"),
         ("length error", "wrong length", "pendulum length", "thread length", "length"),
     ),
     Effect(
@@ -227,9 +231,59 @@ LISTED = (
         ("slide",),
         ("friction drop", "static kinetic friction drop", "kinetic friction", "static&kinetic", "kinetic&friction"),
     ),
+    Effect(
+        "bead_repulsion",
+        {"charges": flight.repulsion("charges"), "exponential": flight.repulsion("exponential")},
+        ("double",),
+        ("bead repulsion", "repulsion", "bead&repulsion", "beads&repel", "coulomb repulsion", "charge&repulsion"),
+    ),
+    Effect(
+        "off_centre_impact",
+        {"fixed": camera.shift("off_centre", 0.2, 0.5, signed=False)},
+        ("double",),
+        ("off centre impact", "off-centre impact", "eccentric impact", "oblique impact", "off&centre"),
+        absorbed=True,
+        unseen=True,
+    ),
+    Effect(
+        "rolling_speed",
+        {
+            "linear": friction.rolling_by_speed("linear"),
+            "square": friction.rolling_by_speed("square"),
+            "viscoelastic": friction.rolling_by_speed("viscoelastic"),
+        },
+        ("roll",),
+        ("velocity dependent rolling resistance", "rolling&speed", "rolling&velocity", "rolling&viscous"),
+    ),
+    Effect(
+        "rolling_lever",
+        {"exact": friction.lever("exact"), "nearly": friction.lever("nearly")},
+        ("roll",),
+        ("rolling lever", "lever arm", "rolling resistance lever arm", "rolling&arm", "rolling&lever", "rolling&size"),
+        absorbed=True,
+        setup={"sizes": True},
+    ),
+    Effect(
+        "surface_direction",
+        {"ratio": friction.by_direction("ratio"), "difference": friction.by_direction("difference")},
+        ("roll",),
+        ("surface direction", "surface&direction", "grain direction", "anisotropic friction", "lay direction"),
+        setup={"turned": True},
+    ),
 )
 
 UNLISTED = (
+    Effect("ripple", {"sine": friction.ripple}, ("roll",), ("ripple", "waviness"), listed=False),
+    Effect("sagging track", {"steady": friction.sag}, ("roll",), ("sag", "curved track"), listed=False),
+    Effect("magnet under the track", {"bell": friction.magnet_at_track}, ("roll",), ("magnet",), listed=False),
+    Effect(
+        "slip at the start",
+        {"pushed": camera.shift("slip", 0.5, 1.0, signed=False)},
+        ("roll",),
+        ("slip", "sliding start", "skid"),
+        listed=False,
+        setup={"pushed": True},
+    ),
     Effect("breeze above a height", {"step": flight.breeze}, ("drop",), ("draught", "wind", "breeze"), listed=False),
     Effect("magnet beside the fall", {"bell": flight.magnet_beside}, ("drop",), ("magnet",), listed=False),
     Effect("magnet under the swing", {"bell": thread.magnet_below}, ("pendulum",), ("magnet",), listed=False),
@@ -280,4 +334,7 @@ PAIRS: Sequence[tuple[str, str, str]] = (
     ("air_drag", "wrong_frame_rate", "pendulum"),
     ("pivot_viscous", "camera_roll", "pendulum"),
     ("friction_drop", "ageing", "slide"),
+    ("pivot_friction", "camera_roll", "double"),
+    ("velocity_dependent_restitution", "scale_error", "double"),
+    ("rolling_speed", "plate_tilt", "roll"),
 )

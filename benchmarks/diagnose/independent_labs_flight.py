@@ -224,3 +224,24 @@ def magnet_beside(rng: Rng, lab: Lab) -> Sized:
         return Hidden(force=force)
 
     return sized
+
+
+def repulsion(kind: str) -> Make:
+    """Two beads that push each other apart: equal charges, or a force that decays over some millimetres."""
+
+    def make(rng: Rng, lab: Lab) -> Sized:
+        first = lab.spheres[0]
+        share, reach = float(rng.uniform(0.02, 0.2)), float(rng.uniform(0.003, 0.012))
+        closest = first.mass * 9.81 * share  # [N], of beads that touch
+
+        def sized(size: float) -> Hidden:
+            def apart(distance: float, sphere: Sphere) -> float:
+                if kind == "charges":
+                    return size * closest * (first.diameter / distance) ** 2
+                return size * closest * math.exp(-(distance - sphere.diameter) / reach)
+
+            return Hidden(apart=apart)
+
+        return sized
+
+    return make

@@ -1,10 +1,10 @@
-"""Laws of friction and of forces along a track that an independent lab may hide."""
+"""Laws of sliding and rolling friction, and of forces along a track, that an independent lab may hide."""
 
 from __future__ import annotations
 
 import math
 
-from rigtwin.benchmarks.diagnose.independent_labs_types import Hidden, Lab, Make, Rng, Sized, Slip
+from rigtwin.benchmarks.diagnose.independent_labs_types import Condition, Hidden, Lab, Make, Rng, Rolling, Sized, Slip
 
 
 def ageing(kind: str) -> Make:
@@ -85,5 +85,88 @@ def patch(rng: Rng, _lab: Lab) -> Sized:
             return plain + size * step / (1 + math.exp((slip.place - edge) / 2e-3))
 
         return Hidden(friction=friction)
+
+    return sized
+
+
+def rolling_by_speed(kind: str) -> Make:
+    """Rolling resistance that grows in proportion to the speed, or with its square, or by a small power of it."""
+    power = {"linear": 1.0, "square": 2.0, "viscoelastic": 0.2}[kind]
+
+    def make(rng: Rng, lab: Lab) -> Sized:
+        plain = lab.conditions[0].nominal["rolling"]
+        growth = float(rng.uniform(0.3, 1.2)) * plain  # at 1 m/s
+
+        def sized(size: float) -> Hidden:
+            return Hidden(rolling=lambda mu, now: mu + size * growth * max(now.speed, 0.0) ** power)
+
+        return sized
+
+    return make
+
+
+def by_direction(kind: str) -> Make:
+    """Rolling resistance with and against the lay of a surface, which turns with the surface."""
+
+    def make(rng: Rng, lab: Lab) -> Sized:
+        sign, share = float(rng.choice([-1, 1])), float(rng.uniform(0.08, 0.3))
+        typical = lab.conditions[0].nominal["rolling"]
+
+        def sized(size: float) -> Hidden:
+            def rolling(plain: float, now: Rolling) -> float:
+                along = sign * now.way * (-1.0 if now.turned else 1.0)
+                return plain + along * size * share * (plain if kind == "ratio" else typical)
+
+            return Hidden(rolling=rolling)
+
+        return sized
+
+    return make
+
+
+def lever(kind: str) -> Make:
+    """One length instead of one coefficient per bead; the beads of the lab are drawn that way."""
+
+    def make(rng: Rng, lab: Lab) -> Sized:
+        middle = lab.spheres[len(lab.spheres) // 2]
+        softer = float(rng.uniform(0.0, 0.1)) if kind == "nearly" else 0.0
+
+        def sized(_size: float) -> Hidden:
+            return Hidden(rolling=lambda mu, now: mu * (now.sphere.diameter / middle.diameter) ** softer)
+
+        return sized
+
+    return make
+
+
+def ripple(rng: Rng, lab: Lab) -> Sized:
+    """A track that goes up and down with the place."""
+    pitch = float(rng.uniform(0.06, 0.2))
+    push, phase = float(rng.uniform(0.05, 0.25)), float(rng.uniform(0, 2 * math.pi))
+
+    def sized(size: float) -> Hidden:
+        return Hidden(along=lambda _t, s, _v, _c: size * push * math.sin(2 * math.pi * s / pitch + phase))
+
+    return sized
+
+
+def sag(rng: Rng, lab: Lab) -> Sized:
+    """A track whose slope changes with the place, whichever way the bead comes."""
+    curve = float(rng.choice([-1, 1]) * rng.uniform(0.02, 0.1))  # [rad/m]
+    return lambda size: Hidden(along=lambda _t, s, _v, c: 9.81 * size * curve * s)
+
+
+def magnet_at_track(rng: Rng, lab: Lab) -> Sized:
+    """A magnet under one place of the track."""
+    length = lab.conditions[0].nominal["length"]
+    place, width = float(rng.uniform(0.3, 0.7)) * length, float(rng.uniform(0.08, 0.2)) * length
+    strength = float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.5))
+
+    def sized(size: float) -> Hidden:
+        def along(_t: float, s: float, _v: float, condition: Condition) -> float:
+            u = (s - place) / width
+            return -size * strength * u * math.exp(-(u**2) / 2)
+
+        return Hidden(along=along)
 
     return sized

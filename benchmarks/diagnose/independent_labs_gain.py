@@ -24,6 +24,7 @@ from rigtwin.benchmarks.diagnose.independent_labs_types import Array, Chance, Co
 ROWS = 120  # of a run at most; more are thinned, each then counts for several
 STEPS, SHORTER = 12, 6  # of the fit, and how often a step that does not help is shortened
 ENOUGH = 5e3  # a gain that needs no more accuracy
+ON_TIME, FAR = 1e-4, 30.0  # [s], and in standard deviations: for the start of a fit
 PLAIN = Hidden()
 SEEN_ONLY = {chance.name for chance in CAMERA}
 
@@ -106,19 +107,31 @@ class Strength:
         other = any(abs(now.end / end - 1) > 0.02 for now, end in zip(affected, self.ends, strict=True))
         if other:
             self._film(affected, hidden)
-        models = [self._model(k, values, None if other or values.any() else old) for k, old in enumerate(self.plain)]
+        starts = [(values, [self._model(k, values) for k in range(len(affected))])]
+        if not other:
+            starts.append((np.zeros_like(values), self.plain))
+        values, models = min(starts, key=lambda start: self._far(start[1], affected, hidden, start[0]))
         gain = self._least(models, affected, hidden, values)
         if other:
             self._film([model.motion for model in self.plain], PLAIN)
         return gain
 
+    def _far(self, models: list[_Model], affected: list[Motion], hidden: Hidden, values: Array) -> float:
+        """Sum of squares with the rows between an impact of one motion and that of the other."""
+        total = float(self.weight @ values**2)
+        for k, model in enumerate(models):
+            left = seen(affected[k], self.times[k], {}, hidden) - model.rows
+            total += float(np.sum((left / self.sigma[k]) ** 2))
+        return total
+
     def _least(self, models: list[_Model], affected: list[Motion], hidden: Hidden, values: Array) -> float:
         """The least sum of squares."""
         normal, right, now = self._equations(models, affected, hidden, values)
-        for number in range(STEPS):
+        sound = False  # whether the last step led where it was foreseen to
+        for _ in range(STEPS):
             step = _solved(normal, right)
             foreseen = now - float(right @ step)
-            if now - foreseen < 0.02 * now or now < 1e-3 or (number and foreseen > ENOUGH):
+            if now - foreseen < 0.02 * now or now < 1e-3 or (sound and foreseen > ENOUGH):
                 break
             for _ in range(SHORTER):
                 try:
@@ -132,7 +145,8 @@ class Strength:
             else:
                 break
             values = values + step
-            if there[2] > 1.3 * foreseen + 1.0:  # the derivatives have changed
+            sound = there[2] < 1.3 * foreseen + 1.0
+            if not sound:  # the derivatives have changed
                 models = [self._model(k, values) for k in range(len(models))]
                 there = self._equations(models, affected, hidden, values)
             normal, right, now = there
@@ -168,7 +182,10 @@ class Strength:
                 if np.abs(late).max() < 1e-5:
                     break
                 slopes = (model.starts[own][:, [*range(both), -1]] * reach[:, None]).T
-                values[where] += reach * np.linalg.lstsq(slopes, late, rcond=1e-6)[0]
+                # no deviation is made far larger than any that occurs for the sake of a time
+                held = np.concatenate([slopes / ON_TIME, np.eye(len(own)) / FAR])
+                wanted = np.concatenate([late / ON_TIME, -values[where] / reach / FAR])
+                values[where] += reach * np.linalg.lstsq(held, wanted, rcond=1e-9)[0]
                 try:
                     now = self._model(k, values, model)
                 except ValueError:  # no such motion: the fit starts at the plain one

@@ -133,6 +133,7 @@ class Rolling:
     place: float  # [m] along the track
     sphere: Sphere
     turned: bool  # the surface lies the other way round
+    way: float  # 1 to the right, -1 to the left
 
 
 def combined(parts: Sequence[Hidden]) -> Hidden:
