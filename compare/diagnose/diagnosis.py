@@ -26,7 +26,8 @@ from rigtwin.compare.diagnose.models.drop import DropBench
 from rigtwin.compare.diagnose.models.pendulum import PendulumBench
 from rigtwin.compare.diagnose.models.roll import LEVER, RollBench, one_material_of_many_sizes
 from rigtwin.compare.diagnose.models.slide import SlideBench
-from rigtwin.compare.diagnose.selection.candidate import Candidate, refused
+from rigtwin.compare.diagnose.selection.bent_laws import OTHER_SIZE
+from rigtwin.compare.diagnose.selection.candidate import Candidate, refused, surprise
 from rigtwin.compare.diagnose.selection.formula import Formula, find_formula, fixed_forms
 from rigtwin.compare.diagnose.selection.gap import Beside, Gap, beside, closed, gap, names, noise_floor
 from rigtwin.compare.diagnose.selection.locate import Disagreement, Location, locate
@@ -44,7 +45,9 @@ MOST_RIVALS = 3  # largest number of rival sets for which the next experiment is
 SURE = 1e-4  # p-value of the residual statistic below which a disagreement remains
 CERTAIN = 1e-8  # p-value below which data and model disagree even if no effect describes how
 CLEARLY = 1.5  # gap in noise floors above which the closed share is meaningful
+SIZE_EXPONENT = "size_exponent"  # parameter of the laws with a free dependence on the size
 STATED = math.sqrt(ALARM)  # stated standard uncertainties by which a calibration quantity must be off to be named
+FACTOR_TWO = 1.0  # penalty (`surprise`) of a coefficient that is off its predicted value by a factor of two
 LEFT = 0.9  # share of the excess gap that an effect must close to be named while a disagreement remains
 
 
@@ -211,8 +214,16 @@ def acts(effect: Effect, lab: TrackedLab) -> bool:
     """Whether an effect acts in the lab's rig; a pendulum that hits a wall has the impact losses of a drop."""
     if effect.name == LEVER and not one_material_of_many_sizes(lab):
         return False
+    if any(parameter.name == SIZE_EXPONENT for parameter in effect.parameters) and effect.special and not _sizes(lab):
+        return False
     strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
     return lab.rig in effect.rigs or (strikes and effect.restitution is not None and "drop" in effect.rigs)
+
+
+def _sizes(lab: TrackedLab) -> bool:
+    """Whether the lab has beads of different sizes, which a dependence on the size needs."""
+    diameters = [condition.bead.diameter for condition in lab.conditions]
+    return max(diameters) > OTHER_SIZE * min(diameters)
 
 
 def bench_of(lab: TrackedLab) -> Regioned:
@@ -239,7 +250,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if asked else []
     alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
-        if alone is not None and alone.gain > FORM and not alone.reason:
+        if alone is not None and alone.gain > FORM and not alone.reason and not _all_once(bench):
             why = "no listed effect explains the disagreement with plausible coefficients"
             return replace(plain, verdict="unlisted", reason=why)
         if location.p < CERTAIN:
@@ -252,7 +263,8 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
         best, naming = _from_there(bench, naming, best, alone)
         plain = replace(plain, naming=naming)
     left = _remains(bench, naming.after, best.fitted)
-    if alone is not None and not alone.reason and alone.gain - best.gain > FORM and len(alone.terms) <= len(best.terms):
+    better = alone is not None and not alone.reason and alone.gain - best.gain > FORM
+    if alone is not None and better and len(alone.terms) <= len(best.terms) and not _nearly_all(best, alone):
         why = f"a formula that is not a listed effect fits better than {names(best.terms)}"
         return replace(plain, verdict="unlisted", reason=why)
     share = _closed(naming, noise_floor(bench, best.fitted))
@@ -274,6 +286,15 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     rest = "; a part of the residuals remains unexplained" if left else ""
     rest += _in_other_forms(naming, best) + _by_chance(bench)
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
+
+
+def _nearly_all(best: Candidate, formula: Candidate) -> bool:
+    """Whether listed effects of plausible size close nearly the whole gap that a formula closes.
+
+    The law of a listed effect holds to some percent; the better the data, the larger the deviance that those leave.
+    """
+    plausible = all(surprise(best.fitted, term) <= FACTOR_TWO for term in best.terms)
+    return plausible and len(best.terms) <= len(formula.terms) + 1 and best.gain >= LEFT * formula.gain
 
 
 def _remains(bench: Regioned, location: Location, fitted: Fit) -> bool:
@@ -356,15 +377,15 @@ def _no_law(found: Formula | None) -> str:
 
 
 def _closed(naming: Naming, noise: float) -> float | None:
-    """Share of the excess gap that the best set closes, in the mean over repetitions or over all rows, the smaller one.
+    """Share of the excess gap that the best set closes, in the mean over repetitions, or over all rows if none repeats.
 
-    `noise` is the squared deviation per row that the best set would leave without any gap.
+    What differs from repetition to repetition is scatter, which no effect explains.  `noise` is the squared deviation per row that the best set would leave without any gap.
     """
     assert naming.best is not None
     common = naming.location.statistic, naming.after.statistic, 1.0
     every = naming.base.per_row, naming.best.fitted.per_row, noise
-    shares = [closed(*one) for one in (common, every) if one[0] >= CLEARLY * one[2]]
-    return min((share for share in shares if share is not None), default=None)
+    shares = (closed(*one) for one in (common, every) if one[0] >= CLEARLY * one[2])
+    return next((share for share in shares if share is not None), None)
 
 
 def _next(diagnosis: Diagnosis) -> str:

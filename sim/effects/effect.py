@@ -85,7 +85,7 @@ class Effect:
         Hook functions, see Notes.
     geometry : str
         Name of the quantity of the rig that the first parameter shifts: ``"level"``, ``"length"``,
-        ``"release_spin"``, ``"rod_mass"``, ``"release_speed"``, ``"jitter"``, ``"scatter"``.
+        ``"release_spin"``, ``"rod_mass"``, ``"stretch"``, ``"creep"``, ``"release_speed"``, ``"jitter"``, ``"scatter"``.
     splits : str
         Experiment that separates this effect from similar ones.
     aimed : bool
@@ -93,6 +93,8 @@ class Effect:
         positive coefficient), whichever way the bead moves.
     steep : bool
         Whether the force on a bead in flight changes considerably within one radius of the plate.
+    slow : bool
+        Whether a fall may last many times as long as one without the effect.
     edges : callable, optional
         ``edges(*p) -> (lowest, width)`` [m] of a force in flight that starts or ends at a height: the height of its
         lowest edge, and the length over which the force grows by a factor e there.
@@ -153,6 +155,7 @@ class Effect:
     splits: str = ""
     aimed: bool = False
     steep: bool = False
+    slow: bool = False
     edges: Hook | None = None
     flat: bool = False
     even: bool = False

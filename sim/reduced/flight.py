@@ -13,7 +13,7 @@ from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 from rigtwin.sim.effects import Effect
 
 STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubic
-MOST = 60  # largest number of steps of a flight
+MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid
 EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
 FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
 FINE = 16  # sub-steps of the first and the last step for a steep force
@@ -80,7 +80,7 @@ def fly(
     place = np.zeros_like(velocity)
     places, velocities = [place], [velocity]
     landed = np.full(vx.shape, -1)
-    for k in range(more * MOST):
+    for k in range(more * (MOST_SLOW if any(term.slow for term in terms) else MOST)):
         for share in GRADED if steep and k == 0 else (1.0,):
             place, velocity = runge_kutta(pull, place, velocity, share * h)
         places.append(place)

@@ -16,7 +16,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.fitting.impact_scatter import expect_scatter, jitter_of
 from rigtwin.compare.diagnose.fitting.levenberg_marquardt import HOPELESS, NOTHING, descend, newton_step
-from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, linearise, noise
+from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, linearise, noise, spread_of_each
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
@@ -132,7 +132,7 @@ def fit(
     for _ in range(rounds):
         linear, converged = descend(bench, terms, unknowns, state, mask, free, linear, most)
         before = state.scatter.copy(), state.jitter
-        expect_scatter(bench, state, linear, most_scatter)
+        expect_scatter(bench, unknowns, state, free, linear, most_scatter)
         if jittered:
             state.jitter, state.jitter_std = jitter_of(bench, linear, mask)
         same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
@@ -313,7 +313,7 @@ def _by_run(bench: Bench, state: State, mask: Array, linear: Linear) -> Array:
     found = np.array([float(square[span].sum()) for span in bench.spans])
     seen = bench.scatter >= 0
     if seen.size:
-        spread = np.where(seen, state.scatter[np.maximum(bench.scatter, 0)], np.inf)
+        spread = spread_of_each(bench, state.scatter)
         found += np.sum((linear.soft / spread) ** 2 + 2 * np.log(np.where(seen, spread, 1.0)), axis=1)
     found += np.sum(((state.local - bench.local_prior) / bench.local_sd) ** 2, axis=1)
     return np.asarray(found + np.linalg.slogdet(linear.a)[1])

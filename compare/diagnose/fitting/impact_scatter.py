@@ -3,32 +3,57 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State
+from rigtwin.compare.diagnose.fitting.levenberg_marquardt import newton_step
+from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, spread_of_each, with_scatter
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 
-LEAST_SCATTER = 1e-3  # smallest standard deviation of a restitution or a rebound direction
+MOST_UPDATES, SAME = 25, 3e-3  # updates in one linearised model, and the relative change that ends them
 LEAST_DETERMINED = 0.2  # smallest share of deviations that count as determined by the data, in one update
 
 
-def expect_scatter(bench: Bench, state: State, linear: Linear, most: Array) -> None:
+def expect_scatter(
+    bench: Bench, unknowns: Sequence[Unknown], state: State, free: Array, linear: Linear, most: Array
+) -> None:
     """Update the scatter in `state`: squared deviations over the number that the data determine (MacKay 1992).
 
-    The fixed point is that of expectation-maximisation, which needs dozens of steps to reach a small scatter.
+    The fixed point is that of expectation-maximisation, which needs dozens of steps to reach a small scatter.  It is
+    iterated in the linearised model, whose unknowns follow the scatter.
     """
     if not len(state.scatter):
         return
-    inverse = np.linalg.inv(linear.a)
-    variance = np.einsum("rsi,rij,rsj->rs", linear.soft_slope, inverse, linear.soft_slope)
+    size = state.local.shape[1]
+    own = linear.by_soft[:, :size]
+    for _ in range(MOST_UPDATES):
+        before = state.scatter.copy()
+        spread = spread_of_each(bench, state.scatter)
+        whole, gradient = with_scatter(linear.by_data, linear.pull, linear.by_soft, linear.soft, spread)
+        now = replace(
+            linear, a=whole[:, :size, :size], b=whole[:, :size, size:], c=whole[:, size:, size:],
+            g_local=gradient[:, :size], g_global=gradient[:, size:],
+        )  # fmt: skip
+        step_local, step = newton_step(unknowns, state, free, now, 0.0)
+        steps = np.concatenate([step_local, np.broadcast_to(step, (len(step_local), len(step)))], axis=1)
+        soft = linear.soft + np.einsum("rns,rn->rs", linear.by_soft, steps)
+        variance = np.einsum("ris,rij,rjs->rs", own, np.linalg.inv(now.a), own)
+        _update(bench, state, soft, variance, most)
+        if np.allclose(state.scatter, before, rtol=SAME):
+            break
+
+
+def _update(bench: Bench, state: State, soft: Array, variance: Array, most: Array) -> None:
     for h in range(len(state.scatter)):
         mine = bench.scatter == h
         if mine.any():
             known = 1.0 - np.minimum(variance[mine] / state.scatter[h] ** 2, 1.0)
-            square = float(np.sum(linear.soft[mine] ** 2) / max(float(np.sum(known)), LEAST_DETERMINED * known.size))
-            state.scatter[h] = max(min(math.sqrt(square), float(most[h])), LEAST_SCATTER)
+            square = float(np.sum(soft[mine] ** 2) / max(float(np.sum(known)), LEAST_DETERMINED * known.size))
+            state.scatter[h] = max(min(math.sqrt(square), float(most[h])), float(bench.scatter_least[h]))
 
 
 def jitter_of(bench: Bench, linear: Linear, mask: Any) -> tuple[float, float]:

@@ -25,6 +25,7 @@ class Bench(Moving, Protocol):
     local_sd: Array  # (R, L)
     scatter: Array  # (R, S) index of the scatter parameter of each deviation, -1 for none
     scatter_start: Array  # (H,)
+    scatter_least: Array  # (H,), smallest scatter that a fit may find
     scatter_most: Array  # (H,), upper limit of the scatter without an effect that widens it
     condition: Array  # (R,) number of the condition of each repetition
 
@@ -56,7 +57,9 @@ class Linear:
     g_local: Array  # (R, L)
     g_global: Array  # (R, G)
     soft: Array  # (R, S)
-    soft_slope: Array  # (R, S, L)
+    by_soft: Array  # (R, L + G, S), derivatives of the deviations
+    by_data: Array  # (R, L + G, L + G), part of the rows and of the priors of the local unknowns
+    pull: Array  # (R, L + G), the same part of the gradient
 
 
 def linear_at(
@@ -77,7 +80,7 @@ def linearise(bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown]
     weight = np.where(mask, 1.0, 0.0)[:, None] / sigma
     residual = (bench.rows - seen.position) * weight
     by_row = seen.by_row * weight
-    spread = np.where(bench.scatter >= 0, state.scatter[np.maximum(bench.scatter, 0)], np.inf)
+    spread = spread_of_each(bench, state.scatter)
     soft = seen.soft
     whole = np.empty((repetitions, size + count, size + count))
     gradient = np.empty((repetitions, size + count))
@@ -85,13 +88,13 @@ def linearise(bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown]
         j = by_row[:, span].reshape(size + count, -1)
         whole[r] = _gram(j)
         gradient[r] = j @ residual[span].reshape(-1)
-    scaled = np.moveaxis(seen.by_soft, 0, 1) / spread[:, None]  # (R, L + G, S)
-    whole += scaled @ np.moveaxis(scaled, 1, 2)
-    gradient -= (scaled @ (soft / spread)[..., None])[..., 0]
     tie = 1.0 / bench.local_sd**2
     index = np.arange(size)
     whole[:, index, index] += tie
     gradient[:, :size] += tie * (bench.local_prior - state.local)
+    by_soft = np.moveaxis(seen.by_soft, 0, 1)
+    by_data, pull = whole, gradient
+    whole, gradient = with_scatter(by_data, pull, by_soft, soft, spread)
     chi2 = float(np.sum(residual**2))
     objective = chi2 + float(np.sum((soft / spread) ** 2))
     objective += float(np.sum(tie * (state.local - bench.local_prior) ** 2))
@@ -111,8 +114,21 @@ def linearise(bench: Bench, terms: Sequence[Effect], unknowns: Sequence[Unknown]
         gradient[:, :size],
         gradient[:, size:],
         soft,
-        np.moveaxis(seen.by_soft[:size], 0, -1),
+        by_soft,
+        by_data,
+        pull,
     )
+
+
+def spread_of_each(bench: Bench, scatter: Array) -> Array:
+    """Standard deviation (R, S) of each random deviation, infinite for those that do not occur."""
+    return np.asarray(np.where(bench.scatter >= 0, scatter[np.maximum(bench.scatter, 0)], np.inf))
+
+
+def with_scatter(by_data: Array, pull: Array, by_soft: Array, soft: Array, spread: Array) -> tuple[Array, Array]:
+    """Normal equations and gradient with the random deviations, whose standard deviations are `spread` (R, S)."""
+    scaled = by_soft / spread[:, None]
+    return by_data + scaled @ np.moveaxis(scaled, 1, 2), pull - (scaled @ (soft / spread)[..., None])[..., 0]
 
 
 def _gram(j: Array) -> Array:

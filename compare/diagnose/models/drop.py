@@ -18,7 +18,7 @@ import numpy as np
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
-from rigtwin.compare.diagnose.models.rows import Beads, coefficients, shared
+from rigtwin.compare.diagnose.models.rows import LEAST_SCATTER, Beads, coefficients, shared
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Mechanics
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
@@ -32,6 +32,8 @@ RISES = 8.0  # height range, in units of the noise, below which a bead is at res
 ONE_MATERIAL = 0.015
 """Standard deviation between the restitutions of a bead on two plates of one material, apart from the bending of the
 plates.  Assumed: two pieces differ in finish, and hardly by more than the scatter from impact to impact."""
+SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
+LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: scatter that no track shows
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
 
 
@@ -92,22 +94,30 @@ class DropBench:
                 np.zeros((repetitions, 1)),
                 np.ones((repetitions, lost)),
                 np.zeros((repetitions, lost)),
+                np.zeros((repetitions, 2)),
             ],
             axis=1,
         )
+        self.set_up = 4 + 2 * lost
         tall = lab.uncertainty("drop_height_uncertainty_m", default=5e-4)
         # an impact that was not filmed is held by its prior
         unseen = np.where(self.active, np.inf, 1e-3)
         side_sd = lab.uncertainty("release_sideways_speed_m_s", default=SIDEWAYS)
-        self.local_sd = np.concatenate([np.tile([10.0, 0.01, tall, side_sd], (repetitions, 1)), unseen, unseen], axis=1)
+        free = np.full((repetitions, 2), np.inf)
+        self.local_sd = np.concatenate(
+            [np.tile([10.0, 0.01, tall, side_sd], (repetitions, 1)), unseen, unseen, free], axis=1
+        )
         self.local_sd[:, 2] *= shared(self.condition)
-        self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost)])
+        self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost), 1e-3, 1e-3])
         pairs = len(self.pairs)
         bounce = np.where(self.active, self.pair[:, None], -1)
-        kick = np.where(self.active, pairs, -1)
-        self.scatter = np.concatenate([bounce, kick], axis=1)
-        self.scatter_start = np.full(pairs + 1, 0.02)
-        self.scatter_most = np.array([*([np.inf] * pairs), named("odd_shape").parameters[0].least])
+        kick = np.where(self.active, pairs + 2, -1)
+        # the bead's distance from the camera and the place of the plate in the picture differ from run to run
+        set_up = np.tile([pairs, pairs + 1], (repetitions, 1))
+        self.scatter = np.concatenate([bounce, kick, set_up], axis=1)
+        self.scatter_start = np.array([*([0.02] * pairs), SCALE, HEIGHT, 0.02])
+        self.scatter_least = np.array([*([LEAST_SCATTER] * pairs), LEAST_SCALE, LEAST_HEIGHT, LEAST_SCATTER])
+        self.scatter_most = np.array([*([np.inf] * (pairs + 2)), named("odd_shape").parameters[0].least])
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Restitution of each pair, calibration quantities with their priors, and coefficients of the terms."""

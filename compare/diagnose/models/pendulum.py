@@ -22,6 +22,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing import Push, angle_at, half_swings
 
+LENGTHENING = ("stretch", "creep")  # effects that make the thread longer during a swing
 OWN_LENGTH = 0.5  # individual uncertainty of each length, as a share of the stated (common) length uncertainty
 
 
@@ -31,6 +32,7 @@ class PendulumBench:
     bodies = 1
     onset = 0
     small = SMALL
+    set_up = -1
     drivable = True
     per_run = ("length", "which", "bead")
 
@@ -66,7 +68,7 @@ class PendulumBench:
         self.local_sd = np.stack([np.full(repetitions, 10.0), release_sd * shared(self.condition)], axis=1)
         self.local_step = np.array([1e-3, 1e-2])
         self.scatter = np.zeros((repetitions, 0), dtype=int)
-        self.scatter_start = self.scatter_most = np.zeros(0)
+        self.scatter_start = self.scatter_least = self.scatter_most = np.zeros(0)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Lengths and calibration with their priors, and coefficients of the terms."""
@@ -110,14 +112,25 @@ class PendulumBench:
         since = true - t0[:, self.owner]
         until = np.array([since[:, span].max(axis=1) for span in self.spans]).T
         dry = any(term.torque is not None for term in terms)
-        driven = any(term.drive is not None for term in terms)
+        creeps = any(term.geometry == "creep" for term in terms)
+        driven = creeps or any(term.drive is not None for term in terms)
         swings = half_swings(local[..., 1], push, omega, until, dry=dry, driven=driven)
         angle, rate = angle_at(swings, since, self.owner)
-        reach = length[:, self.owner]
+        reach = self._reach(length, angle, rate, since, values)
         x, y = reach * np.sin(angle), -reach * np.cos(angle)
         speed = reach[0] * rate[0]
         soft = np.zeros((len(local), len(self.spans), 0))
         return Moved(x, y, speed * np.cos(angle[0]), speed * np.sin(angle[0]), soft)
+
+    def _reach(self, length: Array, angle: Array, rate: Array, since: Array, values: Mapping[str, Array]) -> Array:
+        """Distance from the pivot to the bob at each row, shape (settings, N)."""
+        reach = length[:, self.owner]
+        if "thread_creep.rate" in values:
+            reach = reach + values["thread_creep.rate"][:, None] * np.maximum(since, 0.0)
+        if "thread_stretch.compliance" in values:
+            more = self.mass[self.owner] * (self.lab.gravity * (np.cos(angle) - 1.0) + reach * rate**2)
+            reach = reach + values["thread_stretch.compliance"][:, None] * more
+        return np.asarray(reach)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
         """Always False: there are no impacts, every unknown changes the motion."""
@@ -154,17 +167,22 @@ def pushing(
     ]
 
     pull = weight / inertia
+    stretch = values.get("thread_stretch.compliance", np.zeros(len(length)))[:, None] * mass
+    creep = values.get("thread_creep.rate", np.zeros(len(length)))[:, None]
 
     def fall(angle: Array, _rate: Array) -> Array:
         return np.asarray(-pull * np.sin(angle))
 
-    if not acting:
+    if not (acting or stretch.any() or creep.any() or any(term.geometry in LENGTHENING for term in terms)):
         return fall, np.sqrt(pull)
 
     def push(angle: Array, rate: Array, since: Array | float = 0.0) -> Array:
         sine = np.sin(angle)
-        moment = -weight * sine
         cosine = np.cos(angle)
+        # a thread of changing length r: r theta'' = -g sin(theta) - 2 r' theta'
+        longer = stretch * (gravity * (cosine - 1.0) + length * rate**2) + creep * since
+        growth = creep - 3.0 * stretch * gravity * sine * rate
+        moment = -weight * sine * length / (length + longer) - 2.0 * inertia * growth * rate / length
         for term, own in acting:
             if term.force is not None:
                 fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)

@@ -15,11 +15,15 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect
 
+LEAST_SCATTER = 1e-3
+"""Smallest standard deviation of a restitution, of a rebound direction, or of a friction coefficient."""
 DIAMETER = 2e-5  # [m], standard uncertainty of a bead's diameter where none is stated
 
 
 class Runs:
     """The repetitions of a lab in order, with the rows of all tracks concatenated."""
+
+    set_up = -1
 
     def __init__(self, lab: TrackedLab) -> None:
         self.lab = lab
@@ -54,6 +58,11 @@ class Runs:
         self.region: Any
         self.region_names: Sequence[str]
         self.region, self.region_names = eighths(self.time, self.spans)
+
+    @property
+    def scatter_least(self) -> Array:
+        """Smallest scatter (H,) that a fit may find."""
+        return np.full(len(self.scatter_start), LEAST_SCATTER)
 
     def setting(self, name: str, default: float | None = None) -> Array:
         """A number that each condition states, one per repetition."""

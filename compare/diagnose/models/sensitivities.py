@@ -46,6 +46,8 @@ class Moving(Protocol):
     """Index of the local unknown that is the release time, -1 for none."""
     small: float
     """Finite-difference step as a share of a visible change."""
+    set_up: int
+    """Index of the first of two local unknowns, relative scale and height [m] of the origin, -1 for none."""
 
     def move(
         self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int
@@ -110,7 +112,20 @@ def slopes(bench: Moving, unknowns: Sequence[Unknown], terms: Sequence[Effect], 
         late = exposed(bench.time, bench.rows, other, terms)[0] - true
         there = np.stack(viewed(x + found.vx * late, y + found.vy * late, other, terms), axis=-1)[0]
         by_row[size + k] = (there - place) / step
-    return Slopes(place, np.stack([found.vx, found.vy], axis=-1), found.soft, by_row, found.by_soft)
+    seen = Slopes(place, np.stack([found.vx, found.vy], axis=-1), found.soft, by_row, found.by_soft)
+    return _set_up_anew(bench, seen, local) if bench.set_up >= 0 else seen
+
+
+def _set_up_anew(bench: Moving, seen: Slopes, local: Array) -> Slopes:
+    """The picture with a scale and a height of the origin that differ from repetition to repetition."""
+    k = bench.set_up
+    scale, up = 1.0 + local[bench.owner, k], local[bench.owner, k + 1]
+    by_row = seen.by_row * scale[:, None]
+    by_row[k], by_row[k + 1] = seen.position, (0.0, 1.0)
+    place = seen.position * scale[:, None] + np.stack([0.0 * up, up], axis=-1)
+    by_soft = np.concatenate([seen.by_soft, np.zeros((*seen.by_soft.shape[:2], 2))], axis=2)
+    by_soft[k, :, -2] = by_soft[k + 1, :, -1] = 1.0
+    return Slopes(place, seen.speed, np.concatenate([seen.soft, local[:, k : k + 2]], axis=1), by_row, by_soft)
 
 
 def mechanics(

@@ -19,6 +19,10 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.track import place_at, ride
 
+KINETIC = 0.003
+"""Standard deviation from run to run of the kinetic less the static friction coefficient, where a fit begins."""
+TRACKED_POINT = 5e-4  # [m], standard uncertainty of the height of the tracked point above the arm, in each repetition
+
 
 class SlideBench(Runs):
     """All repetitions of a lab of clumps on a tilting arm."""
@@ -40,14 +44,16 @@ class SlideBench(Runs):
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
         count = len(self.conditions)
-        # local unknowns: position on the arm, and the arm's stated angle at the slip.  The rows determine the slip to
-        # microseconds; friction as the unknown would make the fit nonlinear in the correlated tilt and camera roll.
-        self.local_prior = np.stack([self.distance, np.full(count, 0.4)], axis=1)
-        self.local_sd = np.stack([np.full(count, 2e-3), np.full(count, np.inf)], axis=1)
-        self.local_step = np.array([1e-3, 1e-3])
-        self.scatter = self.pair[:, None].copy()
-        self.scatter_start = np.full(len(self.pairs), 0.01)
-        self.scatter_most = np.full(len(self.pairs), np.inf)
+        # local unknowns: position on the arm, the arm's stated angle at the slip, kinetic less static friction, height
+        # of the tracked point above the stated one.  The rows determine the slip to microseconds; friction as the
+        # unknown would make the fit nonlinear in the correlated tilt and camera roll.
+        self.local_prior = np.stack([self.distance, np.full(count, 0.4), np.zeros(count), np.zeros(count)], axis=1)
+        self.local_sd = np.tile([2e-3, np.inf, np.inf, TRACKED_POINT], (count, 1))
+        self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
+        pairs = len(self.pairs)
+        self.scatter = np.stack([self.pair, np.full(count, pairs)], axis=1)
+        self.scatter_start = np.array([*([0.01] * pairs), KINETIC])
+        self.scatter_most = np.full(pairs + 1, np.inf)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Friction of each pair; tilt rate, level and calibration with their priors."""
@@ -57,7 +63,7 @@ class SlideBench(Runs):
         return [*own, rate, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
-        """Starting values (R, 2): position on the arm [m], and stated angle [rad] at the first motion."""
+        """Starting values (R, L): position on the arm [m], and stated angle [rad] at the first motion."""
         clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
         guess = self.local_prior.copy()
         for r, span in enumerate(self.spans):
@@ -85,7 +91,8 @@ class SlideBench(Runs):
                 own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
                 driving = driving + term.drive(begin, 0 * place, 0 * place, *own)
         static = (gravity * np.sin(slip) - place * rate**2 + driving) / (gravity * np.cos(slip) - high * rate**2)
-        soft = self._soft(static, slip, begin, values, terms)
+        soft = np.stack([self._onset(static, slip, begin, values, terms), local[..., 2]], axis=-1)
+        kinetic, off = local[:seen, :, 2], local[:seen, :, 3]
         place, static, slip, begin = place[:seen], static[:seen], slip[:seen], begin[:seen]
         rate, start = rate[:seen], start[:seen]
         acting = [
@@ -101,7 +108,7 @@ class SlideBench(Runs):
             angle = slip + rate * time
             pressing = gravity * np.cos(angle) - 2 * speed * rate - high * rate**2
             extra = np.zeros_like(speed)
-            mu = static
+            mu = static + kinetic
             for term, own in acting:
                 if term.torque is not None:
                     extra = extra + term.torque(way, speed, 1.0, 1.0, *own)
@@ -120,7 +127,7 @@ class SlideBench(Runs):
         motion = ride(np.zeros_like(place), np.full_like(place, 1e-6), pull, until, may_stop=False)
         way, speed = place_at(motion, since, self.owner)
         angle = start[:, self.owner] + rate[:, self.owner] * true
-        lift = (high + 0.5 * self.beads.of("diameter", values, self.bead))[:seen, self.owner]
+        lift = (off + (high + 0.5 * self.beads.of("diameter", values, self.bead))[:seen])[:, self.owner]
         reach = place[:, self.owner] - way
         x, y = reach * np.cos(angle) - lift * np.sin(angle), reach * np.sin(angle) + lift * np.cos(angle)
         turning = rate[0][self.owner]
@@ -142,7 +149,7 @@ class SlideBench(Runs):
         """Friction of the pair of each repetition, shape (settings, R)."""
         return np.stack([values[f"static_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
 
-    def _soft(
+    def _onset(
         self,
         static: Array,
         slip: Array,
@@ -150,7 +157,7 @@ class SlideBench(Runs):
         values: Mapping[str, Array],
         terms: Sequence[Effect],
     ) -> Array:
-        """Deviation of each repetition's friction from the friction law at the slip, shape (settings, R, 1)."""
+        """Deviation of each repetition's friction from the friction law at the slip, shape (settings, R)."""
         plain = self._plain(values)
         onset = plain
         normal = self.clump * self.lab.gravity * np.cos(slip)
@@ -158,4 +165,4 @@ class SlideBench(Runs):
             if term.onset is not None:
                 own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
                 onset = term.onset(onset, self.waiting + begin, normal, *own)
-        return (static - onset)[..., None]
+        return static - onset

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -129,7 +130,7 @@ class _Search:
                     continue
                 terms = tuple(other if each is term else each for each in one.terms)
                 parameter = other.parameters[0]
-                begun = _begun(near, f"{other.name}.{parameter.name}", parameter.typical)
+                begun = _begun(near, {f"{other.name}.{parameter.name}": parameter.typical})
                 self._attempt(terms, partial(fit, part, terms, **begun, most=25, rounds=2))
         return self.polish([self.done[key] for key in keys if key in self.done])
 
@@ -405,21 +406,33 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     if newest.geometry in WIDENING:
         return fitted(near=near)
     fits = [] if newest.flat else [fitted(near=near)]
-    starts = (*parameter.starts, *((parameter.typical,) if lost and parameter.typical not in parameter.starts else ()))
     if lost or newest.flat:
-        fits += [fitted(**_begun(near, name, value)) for value in starts]
+        fits += [fitted(**_begun(near, begin)) for begin in _starts(newest, lost=lost)]
     elif fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
         # there may be another minimum in the physical range, e.g. lower friction during sliding instead of higher
         # friction with which the clump would climb the arm
-        fits.append(fitted(**_begun(near, name, parameter.typical)))
+        fits.append(fitted(**_begun(near, {name: parameter.typical})))
     return min(fits, key=lambda one: one.deviance)
 
 
-def _begun(near: Fit, name: str, value: float) -> dict[str, Any]:
-    """Arguments for a fit that starts with this value of an unknown."""
+def _starts(effect: Effect, *, lost: bool) -> list[dict[str, float]]:
+    """Starting values of the coefficients of an effect: each combination of those that it states."""
+    stated = {parameter.name: parameter.starts for parameter in effect.parameters if parameter.starts}
+    first = effect.parameters[0]
+    if lost and first.typical not in first.starts:
+        stated[first.name] = (*first.starts, first.typical)
+    return [
+        {f"{effect.name}.{name}": value for name, value in zip(stated, values, strict=True)}
+        for values in itertools.product(*stated.values())
+        if values
+    ]
+
+
+def _begun(near: Fit, begin: Mapping[str, float]) -> dict[str, Any]:
+    """Arguments for a fit that starts with these values of some unknowns."""
     if near.per_row > LOST:
-        return {"start": {**_values(near), name: value}}
-    return {"near": near, "beside": {name: value}}
+        return {"start": {**_values(near), **begin}}
+    return {"near": near, "beside": begin}
 
 
 def _values(near: Fit) -> dict[str, float]:

@@ -26,6 +26,7 @@ EFFECT = Effect(
     name="adhesion",
     title="adhesion",
     kind="physical",
+    family="adhesion",
     rigs=("drop", "double"),
     parameters=(Parameter("work", "J", 0.0, 1e-4, 1e-7, meaning="energy lost per impact of a 6 mm bead"),),
     equation="e'^2 = e^2 - 2 W/(m v^2), W ~ R^(4/3)",

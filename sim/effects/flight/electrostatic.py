@@ -26,6 +26,7 @@ EFFECT = Effect(
     name="electrostatic",
     title="electrostatic attraction",
     kind="physical",
+    family="electrostatic",
     rigs=("drop",),
     parameters=(Parameter("charge", "C", 0.0, 2e-8, 5e-10, starts=(1e-9,), meaning="charge of the bead"),),
     equation="F = q^2 / (16 pi eps0 z^2)",

@@ -24,6 +24,7 @@ EFFECT = Effect(
     name="pivot_friction",
     title="pivot friction (Coulomb)",
     kind="physical",
+    family="pivot_friction",
     rigs=("pendulum", "double"),
     parameters=(Parameter("moment", "N m", 0.0, 1e-3, 1e-6, meaning="friction torque"),),
     equation="M = -M_c sign(omega)",

@@ -17,10 +17,11 @@ EFFECT = Effect(
     title="release speed",
     kind="physical",
     rigs=("drop",),
-    parameters=(Parameter("speed", "m/s", -0.5, 0.5, 0.05, meaning="upwards"),),
+    parameters=(Parameter("speed", "m/s", -0.5, 0.5, 0.05, starts=(-0.05, 0.05), meaning="upwards"),),
     equation="v_y(0) = v_rel",
     source="release mechanics of the holder",
     synonyms=("release velocity", "initial velocity", "push at release", "late release"),
     geometry="release_speed",
+    flat=True,
     splits="keep the frames before the release, or use another release head",
 )

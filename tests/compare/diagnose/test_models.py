@@ -158,12 +158,15 @@ def test_residuals_of_the_first_effect_gain_less_than_the_price_of_a_freed_calib
 
 
 @pytest.mark.parametrize(
-    ("common", "every", "noise", "closed"),
-    [(1.1, 1.1, 1.0, 0.99), (1.1, 51.0, 1.0, 0.5), (51.0, 1.1, 1.0, 0.5), (1.0, 1.5, 1.5, 1.0)],
-)
-def test_a_gap_is_closed_where_it_is_closed_in_common_and_in_each_repetition(common, every, noise, closed):
+    ("before", "common", "every", "noise", "closed"),
+    [
+        (101.0, 1.1, 1.1, 1.0, 0.99), (101.0, 1.1, 51.0, 1.0, 0.99), (101.0, 51.0, 1.1, 1.0, 0.5),
+        (101.0, 1.0, 1.5, 1.5, 1.0), (0.0, 0.0, 51.0, 1.0, 0.5),
+    ],
+)  # fmt: skip
+def test_a_gap_is_closed_where_it_is_closed_in_common_to_the_repetitions(before, common, every, noise, closed):
     naming = SimpleNamespace(
-        location=SimpleNamespace(statistic=101.0), after=SimpleNamespace(statistic=common),
+        location=SimpleNamespace(statistic=before), after=SimpleNamespace(statistic=common),
         base=SimpleNamespace(per_row=101.0), best=SimpleNamespace(fitted=SimpleNamespace(per_row=every)),
     )  # fmt: skip
     assert _closed(naming, noise) == pytest.approx(closed, abs=0.01)

@@ -1,0 +1,57 @@
+"""A liquid around the bead: buoyancy, added mass and drag together.
+
+Formula: (m + m_l/2) a = (m_l - m) g - F_D, m_l = rho 4/3 pi R^3
+
+F_D = 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta, and C_D = 0.44 beyond Re = 1000.
+
+Parameters:
+- `density` [kg/m^3], 300 to 3000, typically 1000: rho of the liquid
+- `log_viscosity` [dimensionless], -1 to 3.5, typically 0: log10 of eta in mPa s; 0 for water
+
+Source: Batchelor 1967, section 6.8; Schiller & Naumann 1933; Clift, Grace & Weber 1978
+"""
+
+from typing import Any
+
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.effects.effect import Effect, Parameter
+
+NEWTON = 0.44  # drag coefficient at large Reynolds numbers
+
+
+def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, density: Any, log_viscosity: Any) -> Any:
+    """[N] beside the weight: what gives the bead of this mass alone the acceleration that it has with the liquid."""
+    viscosity = 1e-3 * 10.0**log_viscosity
+    displaced = density * 4.1887902047863905 * radius**3
+    speed = (vx * vx + vy * vy) ** 0.5
+    reynolds = 2.0 * radius * abs(density) / viscosity * speed
+    stokes = 1.0 + 0.15 * (reynolds + 1e-9) ** 0.687
+    newton = NEWTON / 24.0 * reynolds
+    # the larger of the two, without a branch: they meet at Re = 1000
+    over = 0.5 * (stokes + newton + abs(stokes - newton))
+    pull = -6.0 * 3.141592653589793 * viscosity * radius * over
+    # a density of zero is a vacuum, which has no viscosity
+    pull = pull * density * density / (density * density + 1.0)
+    share = mass / (mass + 0.5 * displaced)
+    return share * pull * vx, share * (pull * vy + (displaced - mass) * GRAVITY) + mass * GRAVITY
+
+
+EFFECT = Effect(
+    name="fluid",
+    title="surrounding liquid (buoyancy, added mass and drag)",
+    kind="physical",
+    rigs=("drop",),
+    parameters=(
+        Parameter("density", "kg/m^3", 300.0, 3000.0, 1000.0, starts=(1000.0,), meaning="rho of the liquid"),
+        Parameter(
+            "log_viscosity", "1", -1.0, 3.5, 0.3, assumed=(0.0, 1.0), starts=(0.0, 2.0),
+            meaning="log10 of eta in mPa s; 0 for water",
+        ),  # fmt: skip
+    ),
+    equation="(m + m_l/2) a = (m_l - m) g - F_D, m_l = rho 4/3 pi R^3",
+    source="Batchelor 1967, section 6.8; Schiller & Naumann 1933; Clift, Grace & Weber 1978",
+    synonyms=("liquid", "water", "immersion", "buoyancy and drag", "submerged", "viscous liquid"),
+    force=force,
+    slow=True,
+    splits="beads of two densities in the same liquid: the denser one is held up less",
+)
