@@ -95,13 +95,20 @@ LISTED = (
         "adhesion",
         {"JKR": flight.energy_loss(4 / 3), "DMT": flight.energy_loss(1.0), "alike": flight.energy_loss(0.0)},
         ("drop", "double"),
-        ("adhesion", "cohesion", "jkr", "sticking", "stickiness", "adhesion&jkr", "adhesion&energy"),
+        ("adhesion", "cohesion", "jkr", "sticking", "stickiness", "adhesion&!contact"),
     ),
     Effect(
         "electrostatic_attraction",
         {"alike": flight.charge("alike"), "by area": flight.charge("area"), "leaking": flight.charge("leaking")},
         ("drop",),
-        ("electrostatic", "electrostatic attraction", "charge", "image charge", "coulomb attraction"),
+        (
+            "electrostatic",
+            "electrostatic&!bead",
+            "electrostatic attraction",
+            "charge",
+            "image charge",
+            "coulomb attraction",
+        ),
     ),
     Effect(
         "side_attraction",
