@@ -211,7 +211,10 @@ LISTED = (
     ),
     Effect(
         "thread_mass",
-        {"uniform": camera.shift("thread_mass", 2e-6, 4e-5, signed=False)},
+        {
+            "uniform": camera.shift("thread_mass", 2e-6, 4e-5, signed=False),
+            "knot halfway": camera.shift("knot", 2e-6, 2e-5, signed=False),
+        },
         ("pendulum",),
         ("thread mass", "rod mass", "string mass", "massive thread", "rod&mass", "thread&mass", "string&mass"),
     ),
@@ -280,6 +283,13 @@ LISTED = (
 )
 
 UNLISTED = (
+    Effect(
+        "drag on the clump",
+        {"film": friction.clump_drag("film"), "sail": friction.clump_drag("sail")},
+        ("slide",),
+        ("viscous sliding", "lubrication", "drag", "drag on the clump", "sliding&viscous", "friction&speed"),
+        listed=False,
+    ),
     Effect("ripple", {"sine": friction.ripple}, ("roll",), ("ripple", "waviness"), listed=False),
     Effect("sagging track", {"steady": friction.sag}, ("roll",), ("sag", "curved track"), listed=False),
     Effect("magnet under the track", {"bell": friction.magnet_at_track}, ("roll",), ("magnet",), listed=False),
@@ -293,7 +303,7 @@ UNLISTED = (
     ),
     Effect("breeze above a height", {"step": flight.breeze}, ("drop",), ("draught", "wind", "breeze"), listed=False),
     Effect("magnet beside the fall", {"bell": flight.magnet_beside}, ("drop",), ("magnet",), listed=False),
-    Effect("magnet under the swing", {"bell": thread.magnet_below}, ("pendulum",), ("magnet",), listed=False),
+    Effect("magnet under the swing", {"bell": thread.magnet_below}, ("pendulum", "double"), ("magnet",), listed=False),
     Effect(
         "damping by angle squared", {"odd": thread.odd_damping}, ("pendulum",), ("nonlinear damping",), listed=False
     ),

@@ -139,6 +139,16 @@ def lever(kind: str) -> Make:
     return make
 
 
+def clump_drag(kind: str) -> Make:
+    """Something that brakes a clump the more the faster it slides: a film of oil, or a sail in the air."""
+
+    def make(rng: Rng, lab: Lab) -> Sized:
+        strength, power = float(rng.uniform(0.1, 0.5)), 1.0 if kind == "film" else 2.0
+        return lambda size: Hidden(along=lambda _t, _s, v, _c: -size * strength * max(v, 0.0) ** power)
+
+    return make
+
+
 def ripple(rng: Rng, lab: Lab) -> Sized:
     """A track that goes up and down with the place."""
     pitch = float(rng.uniform(0.06, 0.2))

@@ -37,7 +37,7 @@ def move(condition: Condition, off: Mapping[str, float], hidden: Hidden) -> Moti
     length += off.get("length", 0.0) + hidden.shifts.get("length", 0.0)
     angle = nominal["angle"] + off.get("tip", 0.0) + off.get("hand", 0.0)
     begin, end = nominal["begin"] + off.get("begin", 0.0), nominal["duration"]
-    linear_mass = hidden.shifts.get("thread_mass", 0.0)  # [kg/m]
+    linear_mass, knot = hidden.shifts.get("thread_mass", 0.0), hidden.shifts.get("knot", 0.0)  # [kg/m], [kg] halfway
     mass = sphere.mass + (hidden.added_mass(sphere) if hidden.added_mass else 0.0)
 
     def stretched(t: float, q: float, momentum: float) -> float:
@@ -50,13 +50,13 @@ def move(condition: Condition, off: Mapping[str, float], hidden: Hidden) -> Moti
         return r
 
     def inertia(r: float) -> float:
-        return mass * r**2 + linear_mass * r**3 / 3
+        return mass * r**2 + linear_mass * r**3 / 3 + knot * r**2 / 4
 
     def motion_of(t: float, s: Array) -> tuple[float, float]:
         q, momentum = float(s[0]), float(s[1])
         r = stretched(t, q, momentum)
         rate = momentum / inertia(r)
-        moment = -(sphere.mass + linear_mass * r / 2) * GRAVITY * r * math.sin(q)
+        moment = -(sphere.mass + linear_mass * r / 2 + knot / 2) * GRAVITY * r * math.sin(q)
         if hidden.torque:
             moment += hidden.torque(t, q, rate, r, sphere)
         if hidden.support:
