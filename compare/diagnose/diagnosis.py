@@ -381,7 +381,8 @@ def _no_law(found: Formula | None) -> str:
 def _closed(naming: Naming, noise: float) -> float | None:
     """Share of the excess gap that the best set closes, in the mean over repetitions, or over all rows if none repeats.
 
-    What differs from repetition to repetition is scatter, which no effect explains.  `noise` is the squared deviation per row that the best set would leave without any gap.
+    What differs from repetition to repetition is scatter, which no effect explains.  `noise` is the squared deviation
+    per row that the best set would leave without any gap.
     """
     assert naming.best is not None
     common = naming.location.statistic, naming.after.statistic, 1.0

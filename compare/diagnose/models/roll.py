@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ class RollBench(Runs):
         self.scatter_start = np.full(len(self.pairs), 3e-3)
         self.scatter_most = np.full(len(self.pairs), np.inf)
 
-    def _stated(self, name: str) -> Array:
+    def _stated(self, name: str) -> Any:
         """Whether each repetition's condition states that this is so, shape (R,)."""
         return np.array([bool(condition.settings.get(name, False)) for condition in self.conditions])
 
