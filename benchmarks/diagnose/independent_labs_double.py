@@ -74,7 +74,7 @@ def move(condition: Condition, off: Mapping[str, float], hidden: Hidden) -> Moti
     gap.terminal, gap.direction = True, -1  # type: ignore[attr-defined]
     waits = 0.0
     if hidden.apart:  # B hangs where weight and push balance
-        waits = float(brentq(lambda q: moments(0.0, np.array([angle, q]), (0.0, 0.0))[1], -0.5, 0.5))
+        waits = float(brentq(lambda q: moments(0.0, np.array([angle, q]), (0.0, 0.0))[1], 0.0, 1.2))
 
     def at(q: Array) -> Array:
         a = -half - 1j * lengths[0] * np.exp(1j * q[0])

@@ -24,7 +24,7 @@ from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.models.double_pendulum import DoubleBench
 from rigtwin.compare.diagnose.models.drop import DropBench
 from rigtwin.compare.diagnose.models.pendulum import PendulumBench
-from rigtwin.compare.diagnose.models.roll import LEVER, RollBench, one_material_of_many_sizes
+from rigtwin.compare.diagnose.models.roll import LEVER, RollBench, both_ways, one_material_of_many_sizes
 from rigtwin.compare.diagnose.models.slide import SlideBench
 from rigtwin.compare.diagnose.selection.bent_laws import OTHER_SIZE
 from rigtwin.compare.diagnose.selection.candidate import Candidate, refused, surprise
@@ -214,6 +214,8 @@ def acts(effect: Effect, lab: TrackedLab) -> bool:
     """Whether an effect acts in the lab's rig; a pendulum that hits a wall has the impact losses of a drop."""
     if effect.name == LEVER and not one_material_of_many_sizes(lab):
         return False
+    if effect.geometry in ("surface_slope", "surface_direction") and not both_ways(lab):
+        return False
     if any(parameter.name == SIZE_EXPONENT for parameter in effect.parameters) and effect.special and not _sizes(lab):
         return False
     strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
@@ -379,7 +381,8 @@ def _no_law(found: Formula | None) -> str:
 def _closed(naming: Naming, noise: float) -> float | None:
     """Share of the excess gap that the best set closes, in the mean over repetitions, or over all rows if none repeats.
 
-    What differs from repetition to repetition is scatter, which no effect explains.  `noise` is the squared deviation per row that the best set would leave without any gap.
+    What differs from repetition to repetition is scatter, which no effect explains.  `noise` is the squared deviation
+    per row that the best set would leave without any gap.
     """
     assert naming.best is not None
     common = naming.location.statistic, naming.after.statistic, 1.0

@@ -81,11 +81,13 @@ class Effect:
         Other names.
     family : str
         Name shared by alternative forms of one mechanism; they are distinguished only where the data can.
-    force, torque, restitution, rolling, sliding, onset, attraction, neck, exposure, view, drive : callable, optional
+    force, torque, mutual, restitution, rolling, sliding, onset, attraction, neck, exposure, view, drive : \
+            callable, optional
         Hook functions, see Notes.
     geometry : str
         Name of the quantity of the rig that the first parameter shifts: ``"level"``, ``"length"``,
-        ``"release_spin"``, ``"rod_mass"``, ``"stretch"``, ``"creep"``, ``"release_speed"``, ``"jitter"``, ``"scatter"``.
+        ``"release_spin"``, ``"rod_mass"``, ``"stretch"``, ``"creep"``, ``"release_speed"``, ``"tilt_rate"``,
+        ``"surface_slope"``, ``"surface_direction"``, ``"jitter"``, ``"scatter"``.
     splits : str
         Experiment that separates this effect from similar ones.
     aimed : bool
@@ -113,6 +115,8 @@ class Effect:
     - ``force(vx, vy, gap, radius, mass, *p) -> (fx, fy)`` [N] on a sphere in flight or on a thread; `gap` [m] is the
       height of its lowest point above the plate.
     - ``torque(angle, rate, length, mass, *p)`` [N m] about a pivot.
+    - ``mutual(distance, radius, mass, *p)`` [N]: force by which two equal beads push each other apart, from the
+      `distance` [m] of their centres.  Only the double pendulum of the diagnosis has it.
     - ``restitution(e, speed, radius, mass, *p)``: coefficient at an impact `speed` [m/s], from its value at 1 m/s.
     - ``rolling(mu, speed, radius, *p)``: rolling friction (tangent of the angle) at a speed.
     - ``sliding(mu, speed, waiting, *p)``: kinetic friction coefficient.
@@ -142,6 +146,7 @@ class Effect:
     family: str = ""
     force: Hook | None = None
     torque: Hook | None = None
+    mutual: Hook | None = None
     restitution: Hook | None = None
     rolling: Hook | None = None
     sliding: Hook | None = None

@@ -16,6 +16,7 @@ SHARE, TIME = np.array([0.2, 0.5, 0.8]), np.array([0.0, 0.1, 2.0])  # friction o
 TRIED = {
     "force": (SPEED, SPEED[::-1], WAY, RADIUS, MASS),
     "torque": (SPEED, SPEED[::-1], WAY, MASS),
+    "mutual": (WAY + 0.006, RADIUS, MASS),
     "restitution": (SHARE, abs(SPEED), RADIUS, MASS),
     "rolling": (SHARE, abs(SPEED), RADIUS),
     "sliding": (SHARE, abs(SPEED), TIME),

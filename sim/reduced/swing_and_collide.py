@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ Gap = Callable[[Array, Array, Array, Array], tuple[Array, Array]]
 """Distance of the surfaces [m] and its rate [m/s] from angles and rates of both bobs."""
 Hit = Callable[[Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
 """Rates after an impact, and its closing speed, from angles, rates and number of the impact."""
+Mutual = Callable[[Array, Array], tuple[Array, Array]]
+"""Angular accelerations [rad/s^2] of both bobs by the force between them, from their angles."""
 Advance = Callable[[Push, Array, Array, Array], tuple[Array, Array]]
 """Angle [rad] and rate [rad/s] after a step [s]."""
 
@@ -49,10 +52,12 @@ def swing_and_hit(
     impacts: int,
     *,
     dry: bool = False,
+    mutual: Mutual | None = None,
 ) -> Encounter:
     """Integrate from rest at the angles `start` [rad] for at least `until` [s].
 
-    With `dry` friction the force changes its sign at turning points within a step, or holds the bob there.
+    With `dry` friction the force changes its sign at turning points within a step, or holds the bob there.  With a
+    `mutual` force the second bob moves from the start, and dry friction is smooth.
     """
     a, b = start
     u, v = np.zeros_like(a), np.zeros_like(b)
@@ -69,9 +74,11 @@ def swing_and_hit(
         def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
             return mobile * push[1](angle, rate)
 
-        advance = _dry if dry else runge_kutta
-        pushes: tuple[Push, Push] = (push[0], second)
-        ends = _both(advance, pushes, a, b, u, v, step)
+        if mutual is None:
+            on = partial(_both, _dry if dry else runge_kutta, (push[0], second), a, b, u, v)
+        else:
+            on = partial(_coupled, push, mutual, a, b, u, v)
+        ends = on(step)
         distance, closing = gap(a, b, u, v)
         distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3])
         touching = (distance_end < 0) & (closing_end < 0)
@@ -80,10 +87,10 @@ def swing_and_hit(
             share = _first_zero(np.maximum(distance, 0.0), distance_end, closing * step, closing_end * step)
             length = np.where(touching, step * share, step)
             for _again in range(2):  # Newton iteration, from a start within 1/1000 of the step
-                ends = _both(advance, pushes, a, b, u, v, length)
+                ends = on(length)
                 off, speed_off = gap(ends[0], ends[1], ends[2], ends[3])
                 length = np.where(touching, np.clip(length - off / np.minimum(speed_off, -1e-6), 1e-9, step), step)
-            ends = _both(advance, pushes, a, b, u, v, length)
+            ends = on(length)
         saved.append((t, length, a, b, u, v, *ends))
         t = t + length
         a, b, u, v = ends
@@ -108,6 +115,17 @@ def _both(
     a2, u2 = advance(push[0], a, u, h)
     b2, v2 = advance(push[1], b, v, h)
     return a2, b2, u2, v2
+
+
+def _coupled(
+    push: tuple[Push, Push], mutual: Mutual, a: Array, b: Array, u: Array, v: Array, h: Array
+) -> tuple[Array, Array, Array, Array]:
+    def change(angles: Array, rates: Array) -> Array:
+        one, other = mutual(angles[0], angles[1])
+        return np.stack([push[0](angles[0], rates[0]) + one, push[1](angles[1], rates[1]) + other])
+
+    angles, rates = runge_kutta(change, np.stack([a, b]), np.stack([u, v]), h)
+    return angles[0], angles[1], rates[0], rates[1]
 
 
 def _dry(push: Push, angle: Array, rate: Array, h: Array) -> tuple[Array, Array]:

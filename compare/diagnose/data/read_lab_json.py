@@ -42,7 +42,7 @@ OPTIONAL = (
     "pivot_spacing_uncertainty_m", "release_sideways_speed_m_s", "sliding_friction_pw", "diameter_uncertainty_m",
     "gravity_m_s2", "material", "wall", "push_speed_m_s", "incline_angle_deg", "start_angle_deg", "waiting_time_s",
     "clump_mass_g", "mass_g", "mass_kg", "density_kg_m3", "rig_geometry", "camera", "walls",
-    "thickness_m", "youngs_modulus_Pa", "poissons_ratio",
+    "thickness_m", "youngs_modulus_Pa", "poissons_ratio", "surface_turned", "run_reversed",
 )  # fmt: skip
 """Optional keys: a misspelt one would silently be replaced by its default, so similar keys are reported."""
 

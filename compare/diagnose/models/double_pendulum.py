@@ -21,7 +21,7 @@ from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
-from rigtwin.sim.reduced.swing_and_collide import angles_at, swing_and_hit
+from rigtwin.sim.reduced.swing_and_collide import Mutual, angles_at, swing_and_hit
 
 MOST_IMPACTS = 7  # largest number of impacts with a restitution of their own
 HANGS = 5e-4  # [rad], standard uncertainty of the rest angle of the waiting bead
@@ -131,8 +131,12 @@ class DoubleBench(Runs):
         apart = self._of_bead("pivots", values)
         law = partial(self._law, laws, values, terms)
         contacts = _Contacts(self, local, reach, law, stands, (apart, apart - wider))
+        mutual = contacts.mutual(terms, values) if any(term.mutual is not None for term in terms) else None
+        waits = local[..., 2]
+        if mutual is not None:  # the waiting bead hangs where weight and force balance
+            waits = waits + mutual(local[..., 1], waits)[1] / omega**2
         motion = swing_and_hit(
-            (local[..., 1], local[..., 2]),
+            (local[..., 1], waits),
             (first, still),
             2 * math.pi / omega,
             until,
@@ -140,6 +144,7 @@ class DoubleBench(Runs):
             contacts.hit,
             self.impacts,
             dry=any(term.torque is not None for term in terms),
+            mutual=mutual,
         )
         angle, rate = angles_at(motion, since, self.owner, self.body)
         thread = np.where(self.body == 0, reach[0][:, self.owner], reach[1][:, self.owner])
@@ -236,6 +241,24 @@ class _Contacts:
         e = self._after(e, followed, np.abs(closing))
         impulse = -(1 + e) * closing / (along_a**2 + along_b**2)
         return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
+
+    def mutual(self, terms: Sequence[Effect], values: Mapping[str, Array]) -> Mutual:
+        """Angular accelerations of both beads by the forces between them."""
+        bench = self.bench
+        acting = [
+            (term.mutual, [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters])
+            for term in terms
+            if term.mutual is not None
+        ]
+
+        def pushed(a: Array, b: Array) -> tuple[Array, Array]:
+            x, y, distance = self._between(a, b)
+            force = sum(hook(distance, bench.radius, bench.mass, *own) for hook, own in acting)
+            along_a = (x * np.cos(a) + y * np.sin(a)) / distance
+            along_b = (x * np.cos(b) + y * np.sin(b)) / distance
+            return -force * along_a / (bench.mass * self.reach[0]), force * along_b / (bench.mass * self.reach[1])
+
+        return pushed
 
     def _after(self, own: Array, followed: Array, speed: Array) -> Array:
         """The impact's own restitution, or that of the law at its speed for impacts without their own."""

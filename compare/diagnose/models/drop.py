@@ -34,6 +34,7 @@ ONE_MATERIAL = 0.015
 plates.  Assumed: two pieces differ in finish, and hardly by more than the scatter from impact to impact."""
 SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
 LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: scatter that no track shows
+LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
 
 
@@ -69,8 +70,8 @@ class DropBench:
         runs_events = list(zip(runs, events, strict=True))
         events = [_in_flight_after(track, found, self.noise) for (_, _, track), found in runs_events]
         ends = [
-            _last_moment(track, found, cut, self.noise, lab.gravity)
-            for (_, _, track), found, (_, cut) in zip(runs, events, runs_events, strict=True)
+            _last_moment(track, found, cut, self.noise, lab.gravity, condition.bead.radius)
+            for (_, condition, track), found, (_, cut) in zip(runs, events, runs_events, strict=True)
         ]
         kept = [track.time <= end for (_, _, track), end in zip(runs, ends, strict=True)]
         self.time = np.concatenate([track.time[keep] for (_, _, track), keep in zip(runs, kept, strict=True)])
@@ -465,7 +466,9 @@ def _in_flight_after(track: Track, found: Sequence[float], noise: float) -> list
     return kept
 
 
-def _last_moment(track: Track, found: Sequence[float], every: Sequence[float], noise: float, gravity: float) -> float:
+def _last_moment(
+    track: Track, found: Sequence[float], every: Sequence[float], noise: float, gravity: float, radius: float
+) -> float:
     """End [s] of the rows that are used: before a next impact that was not detected."""
     time = track.time
     end = float(time[-1])
@@ -476,7 +479,10 @@ def _last_moment(track: Track, found: Sequence[float], every: Sequence[float], n
             return found[-1] + math.sqrt(4 * noise / gravity)
     if len(every) > len(found):
         return every[len(found)]
-    after = time > found[-1] if found else np.zeros(len(time), dtype=bool)
+    if not found:  # a bead that lands without a rebound, in a liquid or on sand
+        lies = np.flatnonzero(track.position[:, 1] < radius + LANDED * noise)
+        return float(time[lies[0]]) if len(lies) else end
+    after = time > found[-1]
     if after.sum() > 2:
         rise = track.position[after, 1] - float(track.position[:, 1].min())
         top = int(np.argmax(rise))

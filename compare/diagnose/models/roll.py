@@ -1,17 +1,18 @@
 """Reduced model of a rolling bead: down an incline from rest, or along a level surface after a push.
 
-World axes: x right (horizontal), y up, origin at the contact point at the start.  The bead rolls without slipping: to
-the right, or to the left if the stated push is negative.
+World axes: x right (horizontal), y up, origin at the contact point at the start.  The bead rolls without slipping, to
+the right or to the left as its track says.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
+from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import Runs
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
@@ -36,13 +37,17 @@ class RollBench(Runs):
     onset = 0
     small = SMALL
     drivable = True
-    per_run = ("conditions", "slope", "push", "side", "pair", "bead")
+    per_run = ("conditions", "slope", "push", "side", "turned", "faces", "pair", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
         super().__init__(lab)
         self.slope = np.radians(self.setting("incline_angle_deg", 0.0))
-        push = self.setting("push_speed_m_s", 0.0)
-        self.push, self.side = np.abs(push), np.where(push < 0, -1.0, 1.0)
+        self.push = np.abs(self.setting("push_speed_m_s", 0.0))
+        ways = [self.rows[span][-5:, 0].mean() - self.rows[span][:5, 0].mean() for span in self.spans]
+        self.side = np.where(np.array(ways) < 0, -1.0, 1.0)
+        self.turned = orientation(self.conditions)
+        # a run the other way whose x still grows is filmed from the other side, or its x counts along the run
+        self.faces = np.where(self._stated("run_reversed") & (self.side > 0), -1.0, 1.0)
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
         count = len(self.conditions)
@@ -60,6 +65,10 @@ class RollBench(Runs):
         self.scatter = self.pair[:, None].copy()
         self.scatter_start = np.full(len(self.pairs), 3e-3)
         self.scatter_most = np.full(len(self.pairs), np.inf)
+
+    def _stated(self, name: str) -> Any:
+        """Whether each repetition's condition states that this is so, shape (R,)."""
+        return np.array([bool(condition.settings.get(name, False)) for condition in self.conditions])
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Rolling friction of each pair; angle of each condition, level and calibration with their priors."""
@@ -119,10 +128,13 @@ class RollBench(Runs):
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
         """Motion of all repetitions for a stack of settings."""
         tips = np.stack([values[f"angle.{name}"] for name in self.condition_names], axis=-1)[:, self.condition]
-        every = self.side * (self.slope + tips + values["plate_tilt.angle"][:, None])
+        level = values["plate_tilt.angle"][:, None]
+        if "surface_slope.angle" in values:
+            level = level + values["surface_slope.angle"][:, None] * self.turned
+        every = self.slope + tips + self.side * self.faces * level
         # the local unknown is the friction on the stated slope: a slope error and the friction error that compensates
         # it give the same motion
-        stated = np.sin(self.side * self.slope) - local[..., 3] * np.cos(self.slope)
+        stated = np.sin(self.slope) - local[..., 3] * np.cos(self.slope)
         frictions = (np.sin(every) - stated) / np.cos(every)
         slope, friction = every[:seen], frictions[:seen]
         t0, start, push = (local[:seen, :, k] for k in range(3))
@@ -166,6 +178,9 @@ class RollBench(Runs):
                 # and depends on the true radius, not the stated one
                 own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
                 law = term.rolling(law, 0.0, radii, *own)
+        if "surface_direction.asymmetry" in values:
+            lay = self.turned * self.side * self.faces
+            law = law * (1.0 + values["surface_direction.asymmetry"][:, None] * lay)
         return Moved(x, y, side * speed[0] * c[0], -speed[0] * s[0], (frictions - law)[..., None])
 
     def tied(self, terms: Sequence[Effect]) -> list[str]:
@@ -175,7 +190,7 @@ class RollBench(Runs):
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
         """Whether the unknown changes no motion: friction of a pair does not, each repetition has its own friction."""
-        return name.startswith(("rolling_friction.", f"{LEVER}."))
+        return name.startswith(("rolling_friction.", f"{LEVER}.", "surface_direction."))
 
     def touches(self, name: str) -> tuple[str, Array] | None:
         """A friction acts in the repetitions of its pair, an angle in its condition's, a diameter in its bead's."""
@@ -187,6 +202,16 @@ class RollBench(Runs):
         if kind == "diameter":
             return kind, self.bead == self.beads.names.index(rest)
         return None
+
+
+def orientation(conditions: Sequence[Condition]) -> Array:
+    """1 for each condition whose surface lies as at first, -1 where it lies end for end, shape (C,)."""
+    return np.where([bool(condition.settings.get("surface_turned", False)) for condition in conditions], -1.0, 1.0)
+
+
+def both_ways(lab: TrackedLab) -> bool:
+    """Whether the surface lies in both orientations."""
+    return len(set(orientation(lab.conditions).tolist())) > 1
 
 
 def one_material_of_many_sizes(lab: TrackedLab) -> bool:

@@ -58,9 +58,10 @@ class SlideBench(Runs):
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Friction of each pair; tilt rate, level and calibration with their priors."""
         own = [Unknown(f"static_friction.{pair}", 0.4, 0.01, low=0.01, high=3.0) for pair in self.pairs]
-        rate = Unknown("tilt_rate", 0.0, 1e-3, sd=self.lab.uncertainty("tilt_rate_uncertainty_rel", default=0.002))
+        rate = self.lab.uncertainty("tilt_rate_uncertainty_rel", default=0.002)
         level = math.radians(self.lab.uncertainty("plate_level_uncertainty_deg", default=0.1))
-        return [*own, rate, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, {"plate_tilt": level})]
+        priors = {"plate_tilt": level, "tilt_rate_error": rate}
+        return [*own, *self.beads.unknowns(), *camera_unknowns(self.lab, terms, priors)]
 
     def first_guess(self, values: Mapping[str, float]) -> Array:
         """Starting values (R, L): position on the arm [m], and stated angle [rad] at the first motion."""
@@ -80,7 +81,7 @@ class SlideBench(Runs):
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
         """Motion of all repetitions for a stack of settings."""
         gravity, high = self.lab.gravity, self.radius
-        rate = self.rate * (1 + values["tilt_rate"][:, None])
+        rate = self.rate * (1 + values["tilt_rate_error.relative"][:, None])
         start = self.start + values["plate_tilt.angle"][:, None]
         place, begin = local[..., 0], (local[..., 1] - self.start) / self.rate
         slip = start + rate * begin

@@ -113,6 +113,10 @@ def _heavier(_hook: str, *motion: Any) -> Any:
     return motion[2]  # the normal force
 
 
+def _apart(_hook: str, *motion: Any) -> Any:
+    return motion[0] / SIZE  # the distance
+
+
 def _sideways(hook: str, *motion: Any) -> Any:
     return (motion[0] if hook == "view" else motion[1]) / PLACE
 
@@ -132,6 +136,7 @@ SIZED = {"force": 3, "rolling": 2}  # index of the radius among the arguments of
 _POWERS: dict[str, tuple[Power, ...]] = {
     "force": (_slower, _faster),
     "torque": (_slower, _faster),
+    "mutual": (_apart,),
     "rolling": (_slower, _faster),
     "sliding": (_slower, _faster),
     "onset": (_heavier,),
@@ -141,6 +146,7 @@ _POWERS: dict[str, tuple[Power, ...]] = {
 _PLAIN: dict[str, Callable[..., Any]] = {
     "force": lambda vx, vy, *_: (0.0 * vx, 0.0 * vy),
     "torque": lambda angle, *_: 0.0 * angle,
+    "mutual": lambda distance, *_: 0.0 * distance,
     "rolling": lambda mu, *_: mu,
     "sliding": lambda mu, *_: mu,
     "onset": lambda mu, *_: mu,

@@ -44,9 +44,15 @@ EFFECT = Effect(
     parameters=(
         Parameter("density", "kg/m^3", 300.0, 3000.0, 1000.0, starts=(1000.0,), meaning="rho of the liquid"),
         Parameter(
-            "log_viscosity", "1", -1.0, 3.5, 0.3, assumed=(0.0, 1.0), starts=(0.0, 2.0),
+            "log_viscosity",
+            "1",
+            -1.0,
+            3.5,
+            0.3,
+            assumed=(0.0, 1.0),
+            starts=(0.0, 2.0),
             meaning="log10 of eta in mPa s; 0 for water",
-        ),  # fmt: skip
+        ),
     ),
     equation="(m + m_l/2) a = (m_l - m) g - F_D, m_l = rho 4/3 pi R^3",
     source="Batchelor 1967, section 6.8; Schiller & Naumann 1933; Clift, Grace & Weber 1978",

@@ -204,10 +204,11 @@ def test_every_effect_says_what_it_is_and_how_it_enters():
         assert effect.splits
         assert set(effect.rigs) <= set(labs.TRACKED)
         hooks = (effect.force, effect.torque, effect.restitution, effect.rolling, effect.sliding, effect.onset)
-        contact = (effect.attraction, effect.neck)
+        contact = (effect.attraction, effect.neck, effect.mutual)
         assert any((*hooks, *contact, effect.exposure, effect.view)) or effect.geometry
         for parameter in effect.parameters:
-            assert parameter.low <= 0.0 <= parameter.high
+            # an exponent or a reach does not measure the strength, and every liquid has some density
+            assert parameter.low <= 0.0 <= parameter.high or parameter.assumed or effect.slow
             assert parameter.low < parameter.typical < parameter.high
 
 
