@@ -372,12 +372,15 @@ def show_diagnosis(found: tuple[Diagnosis, Mapping[str, Path]], as_json: bool, q
 
 
 def _tell_diagnosis(console: Console, diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
-    console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
-    for one in diagnosis.left_out:
-        console.print(f"[yellow]{escape(one)}[/yellow]")
+    from rigtwin.compare.diagnose.fitting.strained import in_words
     from rigtwin.lab.formatting import unit_of
 
     document = diagnosis.to_json()
+    if document["strained"]:
+        console.print(f"[yellow]{escape(in_words(document['strained']))}[/yellow]")
+    console.print(f"[bold]{escape(diagnosis.verdict)}[/bold]: {escape(diagnosis.reason)}")
+    for one in diagnosis.left_out:
+        console.print(f"[yellow]{escape(one)}[/yellow]")
     console.print(f"where: {escape(document['where_in_words'])}")
     for effect in document["effects"]:
         for name, found in effect["parameters"].items():

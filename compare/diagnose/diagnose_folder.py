@@ -1,4 +1,4 @@
-"""Diagnose the lab in a folder and write diagnosis.json, diagnosis.html and model.toml."""
+"""Diagnose the lab in a folder and write diagnosis.json, diagnosis.html with its figures, and model.toml."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
 from rigtwin.compare.diagnose.data.read_lab_json import read_tracked_lab
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose
+from rigtwin.compare.diagnose.figures import figures
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.page import page
 from rigtwin.lab.errors import BadInput
@@ -39,7 +40,7 @@ def diagnose_folder(
     folder : Path
         Folder with a lab.json or a lab.toml, or the path of a lab.toml.  A lab.json in the folder takes precedence.
     out : Path
-        Folder for diagnosis.json, diagnosis.html and model.toml.
+        Folder for diagnosis.json, diagnosis.html, its figures (SVG) with their numbers (CSV), and model.toml.
     own : sequence of Path
         Files with effects of the user, tried beside those of the library.
     only : sequence of str
@@ -72,12 +73,14 @@ def diagnose_folder(
     )
     with result_files.claimed(out):
         diagnosis = diagnose(lab, effects, progress)
-        model = model_of(diagnosis)
+        model, drawn = model_of(diagnosis), figures(diagnosis)
         remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
         contents = {
             "diagnosis.json": result_files.document(diagnosis.to_json()),
-            "diagnosis.html": page(diagnosis),
+            "diagnosis.html": page(diagnosis, drawn),
             "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
+            **{f"diagnosis-{name}.svg": one.svg for name, one in drawn.items()},
+            **{f"diagnosis-{name}.csv": one.csv for name, one in drawn.items() if one.csv},
         }
         return diagnosis, result_files.write_together(out, contents)
 

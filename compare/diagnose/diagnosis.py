@@ -21,6 +21,7 @@ from rigtwin.compare.diagnose.data.tracked_lab import BULK, TrackedLab, need_rep
 from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
+from rigtwin.compare.diagnose.fitting.strained import calibration, strained
 from rigtwin.compare.diagnose.models.double_pendulum import DoubleBench
 from rigtwin.compare.diagnose.models.drop import DropBench
 from rigtwin.compare.diagnose.models.pendulum import PendulumBench
@@ -85,6 +86,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "reason": self.reason,
+            "strained": strained(chosen.fitted if chosen else naming.base) if naming else [],
             "lab": self.lab.title,
             "rig": self.lab.rig,
             "left_out": list(self.left_out),
@@ -108,7 +110,7 @@ class Diagnosis:
             "stability": self.stability.to_json() if self.stability else None,
             "beside": [one.to_json() for one in self.beside],
             "designs": [one.to_json() for one in self.designs],
-            "calibration": _calibration(chosen.fitted if chosen else naming.base) if naming else [],
+            "calibration": calibration(chosen.fitted if chosen else naming.base) if naming else [],
             "tried": [
                 {
                     "effects": list(one.names),
@@ -515,14 +517,6 @@ def _gain_of(diagnosis: Diagnosis, term: Effect) -> float:
     rest = {name for name in diagnosis.chosen.names if name != term.name}
     without = next((one.gain for one in diagnosis.naming.tried if set(one.names) == rest), 0.0)
     return diagnosis.chosen.gain - without
-
-
-def _calibration(fitted: Fit) -> list[dict[str, Any]]:
-    return [
-        {"name": u.name, "value": float(v), "std": fitted.std(u.name), "pull": fitted.pulls.get(u.name)}
-        for u, v in zip(fitted.unknowns, fitted.values, strict=True)
-        if not u.effect
-    ]
 
 
 def _statistic(location: Location | None) -> dict[str, Any] | None:

@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import io
-import math
-import re
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
-from rigtwin.compare.diagnose.fitting.fit import Fit
+from rigtwin.compare.diagnose.figures import Drawn, figures
+from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.selection.gap import closed
 from rigtwin.compare.report.fill_template import filled
-from rigtwin.lab.arrays import Array
 from rigtwin.lab.formatting import unit_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
-BEFORE, AFTER, NOISE = "#d55e00", "#0072b2", "#c3ccd4"  # safe for colour-blind readers (Okabe and Ito 2008)
-MOST_PANELS = 12
-SLICES = 40  # time bins of a record, for the residual curves
-
-
-def page(diagnosis: Diagnosis) -> str:
-    """The HTML text of the whole page."""
-    naming = diagnosis.naming
+def page(diagnosis: Diagnosis, drawn: Mapping[str, Drawn] | None = None) -> str:
+    """The HTML text of the whole page; its figures are drawn unless they are given."""
+    naming, document = diagnosis.naming, diagnosis.to_json()
+    plots = list((figures(diagnosis) if drawn is None else drawn).values())
     return filled(
         "diagnosis.html",
         title=diagnosis.lab.title,
@@ -47,9 +37,12 @@ def page(diagnosis: Diagnosis) -> str:
         added=_added(diagnosis),
         gaps=_gaps(diagnosis),
         gap_noise=diagnosis.gap.noise if diagnosis.gap else "",
-        calibration=diagnosis.to_json()["calibration"],
-        statistic=diagnosis.to_json()["residual_statistic"],
-        figure=_figure(diagnosis) if naming is not None else "",
+        calibration=sorted(document["calibration"], key=lambda row: -abs(row["pull"] or 0.0)),
+        strained=strained.in_words(document["strained"]),
+        far=[row["name"] for row in document["strained"]],
+        leading=plots[:1],
+        further=plots[1:-1],
+        overview=plots[1:][-1:],
         tried=len(naming.tried) if naming is not None else 0,
         seconds=diagnosis.seconds,
     )
@@ -135,54 +128,3 @@ def _beside_row(one: Any) -> dict[str, str]:
         "after": f"{one.gap_after:.4g}",
         "closed": "–" if one.closed is None else f"{100 * one.closed:.1f} %",
     }
-
-
-def _figure(diagnosis: Diagnosis) -> str:
-    """Mean residual over repetitions against time, before and after, one panel per condition and coordinate."""
-    from matplotlib.figure import Figure
-
-    bench, naming = diagnosis.bench, diagnosis.naming
-    assert naming is not None
-    names = list(bench.condition_names)
-    order = {one.experiment: rank for rank, one in reversed(list(enumerate(diagnosis.where)))}
-    shown = sorted(range(len(names)), key=lambda c: order.get(names[c], 999))[: MOST_PANELS // 2]
-    figure = Figure(figsize=(9.5, 1.9 * len(shown)), layout="constrained")
-    axes = np.atleast_2d(figure.subplots(len(shown), 2, squeeze=False))
-    for row, c in enumerate(shown):
-        for k, axis in enumerate("xy"):
-            _panel(axes[row, k], bench, naming.base, c, k, BEFORE, "before")
-            if diagnosis.chosen is not None:
-                _panel(axes[row, k], bench, diagnosis.chosen.fitted, c, k, AFTER, "after")
-            axes[row, k].set_title(f"{names[c]}: {axis}", fontsize=8, loc="left")
-            axes[row, k].tick_params(labelsize=7)
-            axes[row, k].axhspan(-2, 2, color=NOISE, alpha=0.35, lw=0)
-    axes[-1, 0].set_xlabel("time / s", fontsize=8)
-    axes[0, 0].set_ylabel("mean residual / standard errors", fontsize=7)
-    axes[0, 0].legend(fontsize=7, frameon=False)
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    drawing = text.getvalue()
-    drawing = re.sub(r"<style.*?</style>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
-    label = "Mean residuals of measurement minus simulation over time, before and after the effect is added"
-    return drawing.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
-
-
-def _panel(axes: Axes, bench: Any, fitted: Fit, condition: int, k: int, colour: str, label: str) -> None:
-    spans = [bench.spans[r] for r in np.flatnonzero(bench.condition == condition)]
-    time = np.concatenate([bench.time[span] for span in spans])
-    residual = np.concatenate([fitted.residual[span, k] for span in spans])
-    centre, mean = _slices(time, residual)
-    axes.plot(centre, mean, ".-", ms=3, lw=0.8, color=colour, label=label)
-
-
-def _slices(time: Array, residual: Array) -> tuple[Array, Array]:
-    """Centre [s] and mean residual of each time bin, in standard errors of that mean."""
-    edges = np.linspace(time.min(), time.max() + 1e-9, SLICES + 1)
-    number = np.digitize(time, edges) - 1
-    centre, mean = [], []
-    for one in range(SLICES):
-        inside = number == one
-        if inside.sum() > 2:
-            centre.append(float(time[inside].mean()))
-            mean.append(float(residual[inside].mean()) * math.sqrt(int(inside.sum())))
-    return np.array(centre), np.array(mean)

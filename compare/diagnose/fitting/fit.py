@@ -8,6 +8,7 @@ are unknowns with their stated uncertainties as priors, so that no effect gains 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,6 +21,7 @@ from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, Sta
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
+from rigtwin.sim.effects.effect import WIDENING
 
 
 @dataclass(frozen=True)
@@ -161,41 +163,68 @@ def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
 
     Exact where the gain is small.  The scatter between impacts is kept, so the gain is not overestimated.
     """
-    smooth = [term for term in candidates if not term.flat and term.geometry != "jitter"]
-    every = tuple(bench.unknowns((*near.terms, *smooth)))
-    known = {unknown.name: float(value) for unknown, value in zip(near.unknowns, near.values, strict=True)}
-    state = State(
-        near.local.copy(), np.array([known.get(u.name, u.start) for u in every]), near.scatter.copy(), near.jitter
-    )
-    linear = linearise(bench, (*near.terms, *smooth), every, state, np.ones(len(bench.rows), dtype=bool))
-    ab = np.linalg.solve(linear.a, linear.b)
-    information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
-    scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
-    place = {u.name: k for k, u in enumerate(every)}
+    joint = _Joint(bench, near, [term for term in candidates if not term.flat and term.geometry != "jitter"])
+    return [
+        joint.with_terms((term,)) if term in joint.candidates else _glance(bench, (*near.terms, term), near)
+        for term in candidates
+    ]
+
+
+def screen_pairs(bench: Bench, near: Fit, candidates: Sequence[Effect], most: int) -> list[tuple[Effect, Effect]]:
+    """The pairs of candidates of different families that one Newton step promises most of, over the better one alone.
+
+    Only pairs that together promise more than twice as much as the better one are returned, at most `most`.
+    """
+    joint = _Joint(bench, near, [term for term in candidates if not term.flat and term.geometry not in WIDENING])
+    alone = {term.name: joint.gain((term,)) for term in joint.candidates}
     found = []
-    for term in candidates:
-        if term not in smooth:
-            found.append(_glance(bench, (*near.terms, term), near))
-            continue
-        terms = (*near.terms, term)
-        unknowns = tuple(bench.unknowns(terms))
-        at = [place[u.name] for u in unknowns]
-        values = state.values[at]
+    for one, other in itertools.combinations(joint.candidates, 2):
+        if one.group != other.group:
+            better = max(alone[one.name], alone[other.name], 0.0)
+            together = joint.gain((one, other))
+            if together > 2 * better:
+                found.append((together, one, other))
+    found.sort(key=lambda pair: -pair[0])
+    return [(one, other) for _, one, other in found[:most]]
+
+
+class _Joint:
+    """One linearisation at `near` with all candidates, from which Newton steps with some of them follow."""
+
+    def __init__(self, bench: Bench, near: Fit, candidates: Sequence[Effect]) -> None:
+        self.bench, self.near, self.candidates = bench, near, tuple(candidates)
+        every = tuple(bench.unknowns((*near.terms, *candidates)))
+        known = {unknown.name: float(value) for unknown, value in zip(near.unknowns, near.values, strict=True)}
+        self.values = np.array([known.get(u.name, u.start) for u in every])
+        state = State(near.local.copy(), self.values, near.scatter.copy(), near.jitter)
+        linear = linearise(bench, (*near.terms, *candidates), every, state, np.ones(len(bench.rows), dtype=bool))
+        ab = np.linalg.solve(linear.a, linear.b)
+        self.information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
+        self.scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
+        self.place = {u.name: k for k, u in enumerate(every)}
+
+    def gain(self, more: Sequence[Effect]) -> float:
+        """Promised decrease of the deviance."""
+        return self.near.deviance - self.with_terms(more).deviance
+
+    def with_terms(self, more: Sequence[Effect]) -> Fit:
+        near = self.near
+        terms = (*near.terms, *more)
+        unknowns = tuple(self.bench.unknowns(terms))
+        at = [self.place[u.name] for u in unknowns]
+        values = self.values[at]
         tie = np.array([1 / u.sd**2 for u in unknowns])
-        block = information[np.ix_(at, at)] + np.diag(tie)
-        pull = scores[:, at].sum(0) + tie * (np.array([u.prior for u in unknowns]) - values)
+        block = self.information[np.ix_(at, at)] + np.diag(tie)
+        pull = self.scores[:, at].sum(0) + tie * (np.array([u.prior for u in unknowns]) - values)
         scale = np.sqrt(np.maximum(np.diag(block), NOTHING))
         inverse = np.linalg.inv(block / np.outer(scale, scale) + 1e-12 * np.eye(len(at))) / np.outer(scale, scale)
         # without its prior a calibration quantity has no penalty for its distance from the stated value
         lifted = sum(near.pulls.get(u.name, 0.0) ** 2 for u in unknowns if math.isinf(u.sd))
-        found.append(
-            replace(
-                near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
-                robust=_robust(scores[:, at], inverse, tie),
-                deviance=near.deviance - lifted - float(pull @ inverse @ pull),
-            )
+        return replace(
+            near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
+            robust=_robust(self.scores[:, at], inverse, tie),
+            deviance=near.deviance - lifted - float(pull @ inverse @ pull),
         )  # fmt: skip
-    return found
 
 
 def _robust(scores: Array, inverse: Array, tie: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
+from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen, screen_pairs
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.subset import coarse, cut
 from rigtwin.compare.diagnose.selection.bent_laws import gained_beside
@@ -112,6 +112,16 @@ class _Search:
                 hopeless = bool(promise) and all(promise[number] is not one for one in keen)
                 more = (*terms, effect)
                 self._add(promise[number]) if hopeless else self._attempt(more, partial(_fit, part, more, start))
+        return [self.done[key] for key in keys if key in self.done]
+
+    def pairs(self, candidates: Sequence[Effect]) -> list[Candidate]:
+        """Fit the pairs that promise far more than their better half: neither effect alone leads to them."""
+        part, near = self.rough or (self.bench, self.base)
+        keys = []
+        for pair in screen_pairs(part, near, candidates, KEEN):
+            keys.append(frozenset(term.name for term in pair))
+            if keys[-1] not in self.done:
+                self._attempt(pair, partial(fit, part, pair, near=near, most=25, rounds=2))
         return [self.done[key] for key in keys if key in self.done]
 
     def siblings(self, one: Candidate, candidates: Sequence[Effect]) -> list[Candidate]:
@@ -293,6 +303,8 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
         for number, root in enumerate(front if count == 2 else front[:1]):
             tell("pairs", number, len(front))
             grown += search.consider(root, [effect for effect in candidates if effect.group not in root.groups])
+        if count == 2 and len(front) > 1:
+            grown += search.pairs(candidates)
         grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = best_of(grown)
