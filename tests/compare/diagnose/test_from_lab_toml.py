@@ -1,7 +1,8 @@
-"""Tilting plates of a lab.toml in the diagnosis: tables drawn here from the equations of motion, and a film."""
+"""A lab.toml in the diagnosis: tables of tilting plates drawn from the equations of motion, and rendered films."""
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from rigtwin.cli import app, run
+from rigtwin.compare.diagnose.data.axis_checks import check_axes
 from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
 
 G, RADIUS, NOISE, RATE = 9.81, 0.003, 1e-4, 120
@@ -115,6 +117,15 @@ def test_slides_that_begin_at_other_angles_and_places_give_their_static_friction
     assert document["strained"] == []
 
 
+def test_a_lab_without_single_bodies_is_refused_in_a_sentence(tmp_path, capsys):
+    shutil.copytree(SAMPLES / "pile", tmp_path / "pile")
+    text = (SAMPLES / "lab.toml").read_text()
+    piles = '[[experiments]]\nid = "pile-D6-90mm"'
+    (tmp_path / "lab.toml").write_text(text.partition("[[experiments]]")[0] + piles + text.partition(piles)[2])
+    assert run(["diagnose", str(tmp_path)]) == 2
+    assert "holds no drop, pendulum or tilt" in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize(
     ("variant", "draw", "setting", "says"),
     [
@@ -127,14 +138,38 @@ def test_a_motion_that_the_model_does_not_have_is_refused_in_a_sentence(tmp_path
     assert says in " ".join(capsys.readouterr().err.split())
 
 
+def filmed(folder, films):
+    """Five films in `folder`: copies with a free box of their own at the end, as copies of one film are refused."""
+    names = [f"r{number}.mp4" for number in range(5)]
+    for number, name in enumerate(names):
+        (folder / name).write_bytes(films[number % len(films)].read_bytes() + b"\0\0\0\x09free" + bytes([number]))
+    return names
+
+
+@pytest.mark.slow
+def test_films_of_two_beads_reach_the_diagnosis_with_the_origin_between_the_pivots(tmp_path):
+    files = filmed(tmp_path, [SAMPLES / "pendulum" / "r01.mp4", SAMPLES / "pendulum" / "r02.mp4"])
+    _, _, pendulums = (SAMPLES / "lab.toml").read_text().partition('[[experiments]]\nid = "pendulum-D12"')
+    camera = next(line for line in pendulums.splitlines() if line.startswith("known_length"))
+    (tmp_path / "lab.toml").write_text(
+        HEAD.replace('"6 mm"', '"12.2 mm"')
+        + '[[experiments]]\nid = "two"\nrig = "pendulum"\nvariant = "double"\nparticle = "bead"\nlength = "190 mm"\n'
+        f'repetitions = {files}\n[experiments.camera]\nframe_rate = "240 Hz"\n{camera}\n'
+    )
+    lab = tracked_lab(tmp_path)
+    check_axes(lab)
+    assert lab.rig == "double"
+    for released, waiting in lab.conditions[0].repetitions:
+        # on a circle of 190 mm about pivots a diameter apart, to 1 % of the scale
+        assert np.hypot(released.position[:, 0] + 6.1e-3, released.position[:, 1]) == pytest.approx(0.19, rel=0.01)
+        assert waiting.position[:20].mean(axis=0) == pytest.approx([6.1e-3, -0.19], abs=2e-3)
+
+
 @pytest.mark.slow
 def test_films_of_a_slide_reach_the_diagnosis_in_its_axes(tmp_path):
     """The film shows a slip at 20.4 degrees, 0.9 s after its begin, on a plate that turns by 2 degrees a second."""
     truth = json.loads((SAMPLES / "seven_rigs" / "truth.json").read_text())["tilt"]
-    names = [f"r{number}.mp4" for number in range(5)]
-    film = (SAMPLES / "seven_rigs" / "tilt.mp4").read_bytes()
-    for number, name in enumerate(names):  # a free box at the end, so that no file is a copy of another
-        (tmp_path / name).write_bytes(film + b"\0\0\0\x09free" + bytes([number]))
+    names = filmed(tmp_path, [SAMPLES / "seven_rigs" / "tilt.mp4"])
     (tmp_path / "lab.toml").write_text(
         f'{HEAD}[[experiments]]\nid = "tilt"\nrig = "tilt"\nvariant = "slide"\nparticle = "bead"\nwall = "plate"\n'
         f'repetitions = {names}\n[experiments.camera]\nframe_rate = "100 Hz"\nscale = "0.5 mm/px"\n'
