@@ -198,7 +198,7 @@ def _width(bench: Any, clock: Array) -> float:
     widest = float(np.ptp(clock)) / BINS
     if hasattr(bench, "length"):
         widest = min(widest, 2 * math.pi * math.sqrt(float(np.min(bench.length)) / bench.lab.gravity) / OF_A_PERIOD)
-    return max(widest, 1 / bench.lab.camera.frame_rate)
+    return float(max(widest, 1 / bench.lab.camera.frame_rate))
 
 
 def _means(bench: Any, view: _View, clock: Array, before: Fit, after: Fit | None, width: float) -> _Means:
@@ -211,7 +211,7 @@ def _means(bench: Any, view: _View, clock: Array, before: Fit, after: Fit | None
     return _Means(centre, measured, added, bench.noise / np.sqrt(count), count, width)
 
 
-def _binned(time: Array, value: Array, width: float) -> tuple[Array, Array, Array]:
+def _binned(time: Array, value: Array, width: float) -> tuple[Array, Array, Any]:
     """Mean time, mean value and number of rows of each bin that has some; all bins if none has `FEWEST` rows."""
     number = np.floor(time / width).astype(int)
     number -= number.min()
@@ -304,7 +304,7 @@ def _law_of_each(bench: DropBench, fitted: Fit, speed: Array) -> Array:
 
 def _law(bench: DropBench, fitted: Fit, pair: int, speed: Array) -> Array:
     first = int(np.flatnonzero(bench.pair == pair)[0])
-    return _law_of_each(bench, fitted, np.tile(speed, (len(bench.pair), 1)))[first]
+    return np.asarray(_law_of_each(bench, fitted, np.tile(speed, (len(bench.pair), 1)))[first])
 
 
 def _groups(bench: DropBench, pair: int, speed: Array, e: Array) -> Iterator[dict[str, Any]]:

@@ -401,6 +401,8 @@ class UncertaintyEntry(_Entry):
     plate_level: Tilted | None = None
     length: Length | None = None
     release_angle: Tilted | None = None
+    tilt_rate: Fraction | None = None
+    incline_angle: Tilted | None = None
 
 
 class DropEntry(_ExperimentEntry):

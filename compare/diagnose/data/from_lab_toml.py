@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from rigtwin.compare.diagnose.data.tilted_tracks import rolls, slides, tilted
 from rigtwin.compare.diagnose.data.tracked_lab import (
     Bead,
     Camera,
@@ -24,8 +25,9 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Track
-from rigtwin.lab.rigs import GRAVITY, DropSettings, PendulumSettings
+from rigtwin.lab.rigs import GRAVITY, DropSettings, PendulumSettings, TiltSettings
 from rigtwin.lab.tracked.read import read_bodies
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.lab.tracked.upright import by_fall, by_swing
@@ -37,13 +39,18 @@ GEOMETRY = {  # key under [uncertainty] -> name in a lab.json, and factor from S
     "plate_level": ("plate_level_uncertainty_deg", 180 / math.pi),
     "length": ("length_uncertainty_m", 1.0),
     "release_angle": ("release_angle_uncertainty_deg", 180 / math.pi),
+    "tilt_rate": ("tilt_rate_uncertainty_rel", 1.0),
+    "incline_angle": ("incline_angle_uncertainty_deg", 180 / math.pi),
 }
 
 
 def tracked_lab(
     path: Path, only: Sequence[str] = (), progress: Progress = silent, *, allow_outside: bool = False
 ) -> TrackedLab:
-    """The drops of a lab, or its pendulums of one kind, as a tracked lab.  Raises `BadInput`."""
+    """The experiments of a lab with one kind of rig and one moving body or two, as a tracked lab.
+
+    Raises `BadInput`.
+    """
     lab = read_lab(path, allow_outside=allow_outside)
     chosen = _chosen(lab, only)
     rig, wall = _kind(chosen[0])
@@ -57,14 +64,18 @@ def tracked_lab(
     conditions, sigmas = [], []
     for number, experiment in enumerate(chosen):
         progress("tracks", number, len(chosen))
-        tracks = [on_the_bench(rig, _tracks(lab, experiment, views, rig)) for views in experiment.repetitions]
+        tracks, settings = _repetitions(lab, experiment, rig)
+        tracks = [on_the_bench(rig, repetition) for repetition in tracks]
         sigmas += [track.sigma for repetition in tracks for track in repetition]
-        conditions.append(_condition(experiment, tracks, rig))
+        conditions.append(_condition(experiment, tracks, rig, settings))
     stated = lab.uncertainty
     geometry = {name: stated[key] * unit for key, (name, unit) in GEOMETRY.items() if key in stated}
     if any("read_off" in one.settings for one in conditions):
         geometry["drop_height_uncertainty_m"] = OPEN_HEIGHT
         geometry["release_angle_uncertainty_deg"] = math.degrees(OPEN_ANGLE)
+    for name, _ in (GEOMETRY["tilt_rate"], GEOMETRY["incline_angle"]):
+        found = [one.settings[name] for one in conditions if name in one.settings]
+        geometry = {name: max(found), **geometry} if found else geometry
     rates = [1 / float(np.median(np.diff(c.repetitions[0][0].time))) for c in conditions]
     sigma = np.concatenate(sigmas)
     camera = Camera(
@@ -91,7 +102,7 @@ def _chosen(lab: Lab, only: Sequence[str]) -> list[Experiment]:
             raise BadInput(f"{lab.path}: there is no experiment {name!r}; known are {', '.join(known)}.")
     chosen = [one for one in lab.experiments if (one.id in only if only else _kind(one)[0])]
     if not chosen:
-        raise BadInput(f"{lab.path}: holds no drop or pendulum; a diagnosis of a lab.toml supports only these.")
+        raise BadInput(f"{lab.path}: holds no drop, pendulum or tilt; a diagnosis of a lab.toml supports only these.")
     for one in chosen:
         if not _kind(one)[0]:
             raise BadInput(f"{lab.path}: {one.id}: a diagnosis of a {one.rig_name} needs a folder with a lab.json.")
@@ -111,7 +122,17 @@ def _kind(experiment: Experiment) -> tuple[str, bool]:
         return "drop", False
     if isinstance(experiment.rig, PendulumSettings):
         return ("double", False) if experiment.rig.variant == "double" else ("pendulum", True)
+    if isinstance(experiment.rig, TiltSettings):
+        return experiment.rig.variant, False
     return "", False
+
+
+def _repetitions(lab: Lab, experiment: Experiment, rig: str) -> tuple[list[tuple[Track, ...]], dict[str, float]]:
+    """The repetitions in the axes of a lab.json, and the settings that their measurement gives."""
+    if not isinstance(experiment.rig, TiltSettings):
+        return [_tracks(lab, experiment, views, rig) for views in experiment.repetitions], {}
+    runs = [tilted(experiment, _measured(experiment, views)) for views in experiment.repetitions]
+    return (slides if rig == "slide" else rolls)(runs, experiment.particle.diameter / 2)
 
 
 def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -> tuple[Track, ...]:
@@ -128,15 +149,20 @@ def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -
                 only_height=rig == "drop",
             ).in_metres(views[0])
         return _upon_the_plate(found, views[0], experiment) if rig == "drop" else found
-    measured = measure_repetition(experiment, views, None)
-    if isinstance(measured, Failure):
-        raise BadInput(f"{measured.source}: {measured.message}")
+    measured = _measured(experiment, views)
     radius = experiment.particle.diameter / 2
     # the origin of a measured drop is the bead's centre at first contact, that of pendulums the last bead at rest
     shift = np.array([0.0, radius])
     if isinstance(experiment.rig, PendulumSettings):
         shift = np.array([radius if rig == "double" else 0.0, -experiment.rig.length])
     return tuple(_moved(track, shift) for track in measured.tracks)
+
+
+def _measured(experiment: Experiment, views: Sequence[Path]) -> Measurement:
+    measured = measure_repetition(experiment, views, None)
+    if isinstance(measured, Failure):
+        raise BadInput(f"{measured.source}: {measured.message}")
+    return measured
 
 
 def _upon_the_plate(tracks: tuple[Track, ...], path: Path, experiment: Experiment) -> tuple[Track, ...]:
@@ -157,7 +183,10 @@ def _moved(track: Track, shift: Array) -> Track:
     return replace(track, position=track.position + shift)
 
 
-def _condition(experiment: Experiment, tracks: Sequence[tuple[Track, ...]], rig: str) -> Condition:
+def _condition(
+    experiment: Experiment, tracks: Sequence[tuple[Track, ...]], rig: str, found: Mapping[str, float]
+) -> Condition:
+    """The condition of an experiment; `found` are the settings that its measurement gave."""
     particle = experiment.particle
     mass = particle.effective_density * math.pi / 6 * particle.diameter**3
     solid = particle.material
@@ -167,7 +196,8 @@ def _condition(experiment: Experiment, tracks: Sequence[tuple[Track, ...]], rig:
     }  # fmt: skip
     bead = Bead(particle.name, particle.diameter, mass, about)
     starts = np.array([repetition[0].position[:5].mean(axis=0) for repetition in tracks])
-    settings: dict[str, float] = {}
+    settings = dict(found)
+    stated: float | None = None
     if isinstance(experiment.rig, DropSettings):
         stated = experiment.rig.drop_height
         read_off = float(np.median(starts[:, 1])) - particle.diameter / 2
@@ -178,7 +208,7 @@ def _condition(experiment: Experiment, tracks: Sequence[tuple[Track, ...]], rig:
         read_off = float(np.median(np.abs(np.arctan2(starts[:, 0] - side, -starts[:, 1]))))
         settings["length_m"] = experiment.rig.length
         settings["release_angle_deg"] = math.degrees(read_off if stated is None else stated)
-    if stated is None:
+    if stated is None and not found:
         settings["read_off"] = 1.0
     wall = experiment.wall.name if experiment.wall is not None else ""
     names = tuple(str(views[0]) for views in experiment.repetitions)
