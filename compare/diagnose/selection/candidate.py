@@ -101,13 +101,13 @@ def _read_late(fitted: Fit, term: Effect) -> str:
 def _beyond(fitted: Fit, term: Effect) -> str:
     """Which coefficient is out of its range or not significant; empty if none is."""
     for parameter in term.parameters:
-        if parameter.assumed is not None:
-            continue
         name = f"{term.name}.{parameter.name}"
         value, std = fitted.value(name), fitted.std(name)
         beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))
         if value < parameter.low - 2 * std or value > beyond:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
+        if parameter.assumed is not None:  # it does not measure the strength
+            continue
         if abs(value) < parameter.least:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is no larger than in any lab"
         if abs(value) < 3.0 * std:

@@ -41,6 +41,7 @@ GLANCE = 6.0  # promised gain in deviance below which a candidate is not fitted
 ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline shows that the old one was a poor minimum
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
+STRAINED = 5.0  # stated standard uncertainties by which the baseline may pull its calibration
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
 Tell = Callable[[str, float, float], None]
@@ -278,6 +279,10 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     tell("candidates", 0, len(candidates))
     singles = search.polish(search.consider(None, candidates))
     singles = search.settle(singles)
+    if base.deviance - search.base.deviance > ALARM:
+        # the baseline was in a poor local minimum, and so was whatever started from there
+        found = name_effects(bench, candidates, search.base, tell)
+        return replace(found, broken=tuple(dict.fromkeys((*search.broken, *found.broken))))
     base = search.base
     best = best_of(singles)
     rounds = [tuple(singles)]
@@ -424,6 +429,9 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
         # there may be another minimum in the physical range, e.g. lower friction during sliding instead of higher
         # friction with which the clump would climb the arm
         fits.append(fitted(**_begun(near, {name: parameter.typical})))
+    if not (lost or near.terms) and max((abs(pull) for pull in near.pulls.values()), default=0.0) > STRAINED:
+        # a calibration that the baseline strains may have led into another minimum: begin with the stated one
+        fits.append(fitted(start={name: parameter.typical}))
     return min(fits, key=lambda one: one.deviance)
 
 

@@ -1,13 +1,12 @@
-"""Air drag whose coefficient varies with speed and size by fitted powers: rough, holed or not quite round beads.
+"""Air drag whose coefficient varies with the speed by a fitted power: rough, holed or not quite round beads.
 
-Formula: F = rho_air C_D pi R^2 v^2 / 2, C_D = C (v / 1 m/s)^a (R / 3 mm)^b
+Formula: F = rho_air C_D pi R^2 v^2 / 2, C_D = C (v / 1 m/s)^a
 
 rho_air = 1.2 kg/m^3, R the radius, v the speed.
 
 Parameters:
-- `drag_coefficient` [dimensionless], 0 to 5, typically 0.44: C_D at 1 m/s of a bead of 6 mm
-- `speed_exponent` [dimensionless], -1 to 0.5, typically -0.2: a; -1 for Stokes' drag
-- `size_exponent` [dimensionless], -1 to 1, typically -0.2: b
+- `drag_coefficient` [dimensionless], 0 to 5, typically 0.44: C_D at 1 m/s
+- `speed_exponent` [dimensionless], -0.7 to 0.3, typically -0.2: a, between the intermediate range and a rough sphere
 
 Source: Clift, Grace & Weber 1978, chapters 5 and 6
 """
@@ -20,13 +19,10 @@ from rigtwin.sim.effects.flight import air_drag
 SLOW = 1e-4  # [m/s], lower limit of the speed in a power
 
 
-def force(
-    vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, drag_coefficient: Any, speed_exponent: Any, size_exponent: Any
-) -> Any:
-    """[N] against the velocity, as `air_drag` with C_D = C (v / 1 m/s)^a (R / 3 mm)^b."""
+def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, drag_coefficient: Any, speed_exponent: Any) -> Any:
+    """[N] against the velocity, as `air_drag` with C_D = C (v / 1 m/s)^a."""
     speed = (vx * vx + vy * vy + SLOW * SLOW) ** 0.5
-    own = drag_coefficient * speed**speed_exponent * (radius / 0.003) ** size_exponent
-    return air_drag.force(vx, vy, gap, radius, mass, own)
+    return air_drag.force(vx, vy, gap, radius, mass, drag_coefficient * speed**speed_exponent)
 
 
 EFFECT = Effect(
@@ -36,11 +32,10 @@ EFFECT = Effect(
     family="air_drag",
     rigs=("drop", "pendulum", "double", "roll"),
     parameters=(
-        Parameter("drag_coefficient", "1", 0.0, 5.0, 0.44, starts=(0.44,), meaning="C_D at 1 m/s of a bead of 6 mm"),
-        Parameter("speed_exponent", "1", -1.0, 0.5, 0.1, assumed=(-0.2, 0.2), meaning="a; -1 for Stokes' drag"),
-        Parameter("size_exponent", "1", -1.0, 1.0, 0.1, assumed=(-0.2, 0.2), meaning="b"),
+        Parameter("drag_coefficient", "1", 0.0, 5.0, 0.44, starts=(0.44,), meaning="C_D at 1 m/s"),
+        Parameter("speed_exponent", "1", -0.7, 0.3, 0.1, assumed=(-0.2, 0.2), meaning="a"),
     ),
-    equation="F = rho_air C_D pi R^2 v^2 / 2, C_D = C (v / 1 m/s)^a (R / 3 mm)^b",
+    equation="F = rho_air C_D pi R^2 v^2 / 2, C_D = C (v / 1 m/s)^a",
     source="Clift, Grace & Weber 1978, chapters 5 and 6",
     synonyms=("air drag", "aerodynamic drag", "air resistance", "form drag"),
     force=force,

@@ -5,7 +5,7 @@ Formula: mu_r = mu_0 + k v
 v is the rolling speed, k is `slope`.
 
 Parameters:
-- `slope` [s/m], -0.2 to 1, typically 0.02: growth of mu_r per speed
+- `slope` [s/m], 0 to 1, typically 0.02: growth of mu_r per speed
 
 Source: Brilliantov & Poschel 1998
 """
@@ -25,7 +25,7 @@ EFFECT = Effect(
     title="velocity-dependent rolling resistance",
     kind="physical",
     rigs=("roll",),
-    parameters=(Parameter("slope", "s/m", -0.2, 1.0, 0.02, meaning="growth of mu_r per speed"),),
+    parameters=(Parameter("slope", "s/m", 0.0, 1.0, 0.02, meaning="growth of mu_r per speed"),),
     equation="mu_r = mu_0 + k v",
     source="Brilliantov & Poschel 1998",
     synonyms=("speed dependent rolling", "viscous rolling resistance", "rolling viscosity", "viscoelastic rolling"),
