@@ -280,6 +280,7 @@ def _truth(name: str, case: Case, drawn: Drawn, world: dict[tuple[str, str], flo
         "synonyms": {effect.name: [effect.name.replace("_", " "), *effect.synonyms] for effect in effects},
         "also_acceptable": {effect.name: list(effect.also) for effect in effects if effect.also},
         "unseen": any(effect.unseen for effect in effects),
+        "absorbed": any(effect.absorbed for effect in effects),
         "parameters": {key: float(value) for key, value in drawn.hidden.shifts.items()},
         "where": {},
         "world": {f"{what}:{group}": value for (what, group), value in world.items()},

@@ -124,6 +124,20 @@ def by_direction(kind: str) -> Make:
     return make
 
 
+def wedge(rng: Rng, lab: Lab) -> Sized:
+    """A surface thicker at one end, which slopes the other way once it is turned."""
+    slope = float(rng.choice([-1, 1]) * rng.uniform(0.003, 0.02))  # [rad]
+
+    def sized(size: float) -> Hidden:
+        def along(_t: float, _s: float, _v: float, condition: Condition) -> float:
+            turned = -1.0 if condition.nominal["turned"] else 1.0
+            return 9.81 * size * slope * turned * condition.nominal["way"]
+
+        return Hidden(along=along)
+
+    return sized
+
+
 def lever(kind: str) -> Make:
     """One length instead of one coefficient per bead; the beads of the lab are drawn that way."""
 
