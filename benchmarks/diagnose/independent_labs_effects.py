@@ -259,7 +259,7 @@ LISTED = (
         "rolling_speed",
         {
             "linear": friction.rolling_by_speed("linear"),
-            "square": friction.rolling_by_speed("square"),
+            "root": friction.rolling_by_speed("root"),
             "viscoelastic": friction.rolling_by_speed("viscoelastic"),
         },
         ("roll",),

@@ -90,8 +90,8 @@ def patch(rng: Rng, _lab: Lab) -> Sized:
 
 
 def rolling_by_speed(kind: str) -> Make:
-    """Rolling resistance that grows in proportion to the speed, or with its square, or by a small power of it."""
-    power = {"linear": 1.0, "square": 2.0, "viscoelastic": 0.2}[kind]
+    """Rolling resistance that grows in proportion to the speed, or with its root, or by a small power of it."""
+    power = {"linear": 1.0, "root": 0.5, "viscoelastic": 0.2}[kind]
 
     def make(rng: Rng, lab: Lab) -> Sized:
         plain = lab.conditions[0].nominal["rolling"]
