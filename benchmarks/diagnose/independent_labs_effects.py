@@ -52,6 +52,7 @@ LISTED = (
         {"by diameter": flight.slow_drag(1.0), "alike": flight.slow_drag(0.0)},
         ("drop", "pendulum"),
         ("linear drag", "stokes drag", "viscous drag", "linear&drag", "viscous&drag", "stokes&drag"),
+        also=("pivot_viscous",),  # on threads of one length, where it is the same for all beads
     ),
     Effect(
         "buoyancy",
