@@ -79,10 +79,11 @@ def both_right(result: Result) -> bool:
 def figures(results: Sequence[Result]) -> list[Row]:
     """The figures wanted of the diagnosis."""
     of = {kind: [r for r in results if r.truth["kind"] == kind] for kind in KINDS}
-    listed = [r for r in of["single"] + of["pair"] if not r.truth["unseen"]]
+    listed = [r for r in of["single"] + of["pair"] if not r.truth["absorbed"]]
     clear = [r for r in listed if r.truth["strength"] in CLEAR]
     singles = [r for r in clear if r.truth["kind"] == "single"]
     near = [r for r in listed if r.truth["strength"] == "near"]
+    absorbed = [r for r in of["single"] if r.truth["absorbed"] and not r.truth["unseen"]]
     unseen = [r for r in of["single"] if r.truth["unseen"]]
     unlisted = [r for r in of["unlisted"] if r.truth["strength"] in CLEAR]
     slides = [r for r in clear if r.truth["rig"] == "slide"]
@@ -106,6 +107,7 @@ def figures(results: Sequence[Result]) -> list[Row]:
             share_row(f"{rig}: right name first", [r.first_right for r in clear if r.truth["rig"] == rig])
             for rig in RIGS
         ),
+        share_row("what a plain model takes up: right name first", [r.first_right for r in absorbed]),
         share_row("what leaves no trace: another name", [r.wrong_name for r in unseen]),
         *time_rows(results),
     ]

@@ -138,13 +138,20 @@ def draw(case: Case, rng: Rng) -> Drawn:
         lab = BUILD[case.rig](rng, **setup)
         if not case.effects:
             return Drawn(lab, Hidden())
-        parts = [_sized(name, law, case.strength, lab, rng) for name, law in zip(case.effects, case.laws, strict=True)]
+        try:
+            parts = [
+                _sized(name, law, case.strength, lab, rng) for name, law in zip(case.effects, case.laws, strict=True)
+            ]
+        except ValueError:  # an arm that does not tilt far enough for so much friction, say
+            continue
         hidden = combined([part.hidden for part in parts])
         least = min(parts, key=lambda part: part.gain)
         found.append(Drawn(lab, hidden, tuple(part.sizes[0] for part in parts), least.gain, least.strength))
         clear = case.strength in STRENGTHS[1:] and found[-1].strength in STRENGTHS[1:]
         if clear or found[-1].strength == case.strength:
             return found[-1]
+    if not found:
+        raise ValueError(f"{BENCHES} benches were drawn, and none can show {' and '.join(case.effects)}")
     return max(found, key=lambda one: one.gain)
 
 
@@ -280,6 +287,7 @@ def _truth(name: str, case: Case, drawn: Drawn, world: dict[tuple[str, str], flo
         "synonyms": {effect.name: [effect.name.replace("_", " "), *effect.synonyms] for effect in effects},
         "also_acceptable": {effect.name: list(effect.also) for effect in effects if effect.also},
         "unseen": any(effect.unseen for effect in effects),
+        "absorbed": any(effect.absorbed for effect in effects),
         "parameters": {key: float(value) for key, value in drawn.hidden.shifts.items()},
         "where": {},
         "world": {f"{what}:{group}": value for (what, group), value in world.items()},

@@ -30,7 +30,7 @@ class Effect:
     setup: Mapping[str, Any] = field(default_factory=dict)  # what the rig needs for it
     on: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # ... and what one of its rigs needs besides
     beads: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # materials by strength, where these make it
-    absorbed: bool = False  # a plain model with a number for each bead takes it up: it is no worse, but less simple
+    absorbed: bool = False  # a plain model takes it up with a number for each bead: it fits as well, but is less simple
     unseen: bool = False  # ... and the effect has no other trace
 
 
@@ -52,6 +52,7 @@ LISTED = (
         {"by diameter": flight.slow_drag(1.0), "alike": flight.slow_drag(0.0)},
         ("drop", "pendulum"),
         ("linear drag", "stokes drag", "viscous drag", "linear&drag", "viscous&drag", "stokes&drag"),
+        also=("pivot_viscous",),  # on threads of one length, where it is the same for all beads
     ),
     Effect(
         "buoyancy",
@@ -73,10 +74,10 @@ LISTED = (
     Effect(
         "velocity_dependent_restitution",
         {
-            "viscoelastic": flight.by_impact_speed(flight.kuwabara),
-            "Pade": flight.by_impact_speed(flight.pade),
-            "plastic": flight.by_impact_speed(flight.plastic),
-            "yield": flight.by_impact_speed(flight.thornton),
+            "viscoelastic": flight.by_impact_speed(flight.kuwabara, "loss"),
+            "Pade": flight.by_impact_speed(flight.pade, "loss"),
+            "plastic": flight.by_impact_speed(flight.plastic, "rest"),
+            "yield": flight.by_impact_speed(flight.thornton, "rest"),
         },
         ("drop", "double"),
         (
@@ -259,7 +260,7 @@ LISTED = (
         "rolling_speed",
         {
             "linear": friction.rolling_by_speed("linear"),
-            "square": friction.rolling_by_speed("square"),
+            "root": friction.rolling_by_speed("root"),
             "viscoelastic": friction.rolling_by_speed("viscoelastic"),
         },
         ("roll",),
@@ -279,6 +280,21 @@ LISTED = (
         ("roll",),
         ("surface direction", "surface&direction", "grain direction", "anisotropic friction", "lay direction"),
         setup={"turned": True},
+    ),
+    Effect(
+        "tilt_rate_error",
+        {"ratio": camera.shift("rate", 0.02, 0.1)},
+        ("slide",),
+        ("tilt rate error", "wrong tilt rate", "tilt rate", "tilt&rate"),
+    ),
+    Effect(
+        "surface_slope",
+        {"wedge": friction.wedge},
+        ("roll",),
+        ("surface slope", "wedge", "surface&slope", "surface&wedge"),
+        also=("surface_direction",),
+        setup={"turned": True},
+        on={"roll": {"pushed": True}},
     ),
 )
 
@@ -328,13 +344,6 @@ UNLISTED = (
             "friction&velocity",
         ),
         also=("friction_drop",),
-        listed=False,
-    ),
-    Effect(
-        "wrong tilt rate",
-        {"ratio": camera.shift("rate", 0.02, 0.1)},
-        ("slide",),
-        ("tilt rate", "tilt&rate"),
         listed=False,
     ),
 )

@@ -73,15 +73,21 @@ def oil(rng: Rng, _lab: Lab) -> Sized:
     return lambda size: combined([against(law, oil, size), buoyed(oil, size)])
 
 
-def by_impact_speed(law: Callable[[Rng], Callable[[float], float]]) -> Make:
-    """Restitution against impact speed; the plain one is what the law has at 1 m/s, times what the pair loses else."""
+def by_impact_speed(law: Callable[[Rng], Callable[[float], float]], scales: str) -> Make:
+    """Restitution against impact speed.
+
+    The plain restitution of a bead is what it has at 1 m/s: its loss, or what is left, is that of the law at other
+    speeds times one factor of its own.
+    """
 
     def make(rng: Rng, lab: Lab) -> Sized:
         at = law(rng)
+        one = at(1.0)
 
         def sized(size: float) -> Hidden:
             def bounce(plain: float, speed: float, _sphere: Sphere) -> float:
-                return plain + size * (at(max(speed, 1e-3)) - at(1.0))
+                times = (1 - plain) / (1 - one) if scales == "loss" else plain / one
+                return plain + size * times * (at(max(speed, 1e-3)) - one)
 
             return Hidden(bounce=bounce)
 

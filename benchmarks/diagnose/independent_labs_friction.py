@@ -90,8 +90,8 @@ def patch(rng: Rng, _lab: Lab) -> Sized:
 
 
 def rolling_by_speed(kind: str) -> Make:
-    """Rolling resistance that grows in proportion to the speed, or with its square, or by a small power of it."""
-    power = {"linear": 1.0, "square": 2.0, "viscoelastic": 0.2}[kind]
+    """Rolling resistance that grows in proportion to the speed, or with its root, or by a small power of it."""
+    power = {"linear": 1.0, "root": 0.5, "viscoelastic": 0.2}[kind]
 
     def make(rng: Rng, lab: Lab) -> Sized:
         plain = lab.conditions[0].nominal["rolling"]
@@ -122,6 +122,20 @@ def by_direction(kind: str) -> Make:
         return sized
 
     return make
+
+
+def wedge(rng: Rng, lab: Lab) -> Sized:
+    """A surface thicker at one end, which slopes the other way once it is turned."""
+    slope = float(rng.choice([-1, 1]) * rng.uniform(0.003, 0.02))  # [rad]
+
+    def sized(size: float) -> Hidden:
+        def along(_t: float, _s: float, _v: float, condition: Condition) -> float:
+            turned = -1.0 if condition.nominal["turned"] else 1.0
+            return 9.81 * size * slope * turned * condition.nominal["way"]
+
+        return Hidden(along=along)
+
+    return sized
 
 
 def lever(kind: str) -> Make:

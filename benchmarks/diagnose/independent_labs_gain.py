@@ -3,7 +3,8 @@
 One run of every condition is computed with the effect and without noise, and the plain model of the same module is
 fitted to all of them at once, by Gauss-Newton steps: every number that may differ from what is stated (`Chance`), in a
 run, in a group of runs or in the lab, has its standard deviation as a prior; a restitution or a friction is free.  What
-is left of the sum of squares, in units of the tracking noise, is the gain,
+is left of the sum of squares, in units of the tracking noise, is the gain (deviations from run to run count as if their
+scatter had to be found from them),
 
     min over u of  sum of n (rows(effect) - rows(plain, u))^2 / noise^2 + (u / sd)^2,
 
@@ -150,7 +151,23 @@ class Strength:
                 models = [self._model(k, values) for k in range(len(models))]
                 there = self._equations(models, affected, hidden, values)
             normal, right, now = there
-        return now
+        return now - self._not_known(values)
+
+    def _not_known(self, values: Array) -> float:
+        """What a sum of squares of deviations from run to run exceeds the gain by, as the scatter is not known either.
+
+        Of N deviations with the sum of squares q, the likelihood with the best scatter differs by N ln(1 + q / N).
+        """
+        squares: dict[str, float] = {}
+        counts: dict[str, int] = {}
+        for keys, condition in zip(self.keys, self.lab.conditions, strict=True):
+            for key, chance in zip(keys, self.chances, strict=True):
+                if chance.scope == "run" and np.isfinite(chance.prior):
+                    kind = chance.name.rstrip("0123456789")
+                    place = self.number[key]
+                    squares[kind] = squares.get(kind, 0.0) + float(self.weight[place] * values[place] ** 2)
+                    counts[kind] = counts.get(kind, 0) + condition.repetitions
+        return sum(q - counts[kind] * float(np.log1p(q / counts[kind])) for kind, q in squares.items())
 
     def _equations(
         self, models: list[_Model], affected: list[Motion], hidden: Hidden, values: Array
