@@ -24,6 +24,9 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
 
+LAST = 6  # largest number of steps after the last update of the scatter
+
+
 @dataclass(frozen=True)
 class Fit:
     """A model fitted to a lab."""
@@ -125,7 +128,7 @@ def fit(
         state.jitter = next(term.parameters[0].typical for term in terms if term.geometry == "jitter")
     odd = any(term.geometry == "scatter" for term in terms)
     most_scatter = np.full(len(state.scatter), np.inf) if odd else bench.scatter_most
-    converged = False
+    converged, same = False, True
     if near is None or start:
         for horizon in getattr(bench, "horizons", list)():
             early = linearise(bench, terms, unknowns, state, mask & horizon)
@@ -140,8 +143,10 @@ def fit(
         same = np.allclose(state.scatter, before[0], rtol=0.01) and math.isclose(state.jitter, before[1], rel_tol=0.01)
         linear = linearise(bench, terms, unknowns, state, mask)
         # the scatter of impacts is meaningless where the model does not fit at all
-        if same or linear.objective > HOPELESS * bench.rows.size:
+        if same or linear.chi2 > HOPELESS * bench.rows.size:
             break
+    if not same:  # the unknowns of the last round belong to the scatter before it
+        linear, converged = descend(bench, terms, unknowns, state, mask, free, linear, LAST)
     linear = _above_zero(bench, terms, unknowns, state, mask, linear)
     return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
 
