@@ -218,7 +218,7 @@ def acts(effect: Effect, lab: TrackedLab) -> bool:
         return False
     if effect.geometry in ("surface_slope", "surface_direction") and not both_ways(lab):
         return False
-    if any(parameter.name == SIZE_EXPONENT for parameter in effect.parameters) and effect.special and not _sizes(lab):
+    if any(parameter.name == SIZE_EXPONENT for parameter in effect.parameters) and effect.free and not _sizes(lab):
         return False
     strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
     return lab.rig in effect.rigs or (strikes and effect.restitution is not None and "drop" in effect.rigs)

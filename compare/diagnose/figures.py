@@ -67,7 +67,8 @@ def figures(diagnosis: Diagnosis) -> dict[str, Drawn]:
     if isinstance(diagnosis.bench, PendulumBench):
         found["amplitude"] = _amplitude(diagnosis)
     elif isinstance(diagnosis.bench, DropBench):
-        found["restitution"] = _restitution(diagnosis)
+        if diagnosis.bench.active.any():  # a bead may land without a rebound
+            found["restitution"] = _restitution(diagnosis)
     else:
         found["contact"] = _contact(diagnosis)
     leading = [name for name in found if name != "residual"] if not shows else []

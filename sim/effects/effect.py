@@ -107,6 +107,9 @@ class Effect:
     special : bool
         Whether the effect needs a setup that not every lab has.  It is reported only where the data prefer it clearly
         to the plain forms of its family; where those explain the data nearly as well, they are named beside it.
+    free : bool
+        Whether the effect is a plain form of its family with a free exponent, or with a further dependence.  It is
+        reported only where the data prefer it clearly, and is never another name beside the plain form.
 
     Notes
     -----
@@ -165,6 +168,7 @@ class Effect:
     flat: bool = False
     even: bool = False
     special: bool = False
+    free: bool = False
 
     @property
     def group(self) -> str:

@@ -267,6 +267,7 @@ def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
     return replace(glanced, values=values + step, deviance=near.deviance - gain)
 
 
+@np.errstate(all="ignore")  # a model without a finite prediction has an infinite deviance
 def _finished(
     bench: Bench,
     terms: Sequence[Effect],
@@ -299,6 +300,7 @@ def _finished(
     by_run = _by_run(bench, state, mask, linear)
     stated = sum(((v - u.prior) / u.sd) ** 2 for u, v in zip(unknowns, state.values, strict=True))
     deviance = float(by_run.sum()) + stated
+    deviance = deviance if math.isfinite(deviance) else math.inf
     pulls = {
         u.name: (float(v) - u.prior) / u.sd
         for u, v in zip(unknowns, state.values, strict=True)

@@ -353,12 +353,12 @@ def _rivals(done: Mapping[frozenset[str], Candidate], chosen: Candidate) -> list
 
 
 def _plainest(search: _Search, first: Candidate) -> tuple[Candidate, list[Candidate]]:
-    """The form of `first` with the fewest special effects among those that fit equally well, and all sets that explain
+    """The form of `first` with the fewest special or free effects among those that fit equally well, and all sets that explain
     the data as well as the better of it and `first`."""
 
     def plainer() -> list[Candidate]:
         rivals = _rivals(search.done, first)
-        return [one for one in rivals if one.groups == first.groups and _specials(one) < _specials(first)]
+        return [one for one in rivals if one.groups == first.groups and _extras(one) < _extras(first)]
 
     for one in plainer():
         # `first` has converged: a fit that has not would be at a disadvantage
@@ -372,6 +372,11 @@ def _plainest(search: _Search, first: Candidate) -> tuple[Candidate, list[Candid
 
 def _specials(candidate: Candidate) -> int:
     return sum(term.special for term in candidate.terms)
+
+
+def _extras(candidate: Candidate) -> int:
+    """Number of forms that plain ones of their families go before."""
+    return sum(term.special or term.free for term in candidate.terms)
 
 
 def spared(base: Fit, names: Sequence[str]) -> float:

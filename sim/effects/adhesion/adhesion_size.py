@@ -37,6 +37,6 @@ EFFECT = Effect(
     source="Johnson, Kendall & Roberts 1971; Derjaguin, Muller & Toporov 1975; Thornton & Ning 1998",
     synonyms=("cohesion", "jkr", "dmt", "sticking", "surface energy", "stickiness", "capillary bridge"),
     restitution=restitution,
-    special=True,
+    free=True,
     splits="low drops (5 to 50 mm) dry and humid: adhesion stops the last bounces and changes with humidity",
 )

@@ -39,6 +39,6 @@ EFFECT = Effect(
     source="Clift, Grace & Weber 1978, chapters 5 and 6",
     synonyms=("air drag", "aerodynamic drag", "air resistance", "form drag"),
     force=force,
-    special=True,
+    free=True,
     splits="drop a dense control ball (steel) of the same size from the greatest height: drag goes with 1/density",
 )

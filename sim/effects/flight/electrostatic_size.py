@@ -38,6 +38,6 @@ EFFECT = Effect(
     force=force,
     steep=True,
     flat=True,
-    special=True,
+    free=True,
     splits="discharge the bead (ioniser) or earth the plate, and compare the low bounces",
 )

@@ -35,6 +35,6 @@ EFFECT = Effect(
     source="Coulomb 1785; friction of a journal bearing",
     synonyms=("dry pivot friction", "hinge friction", "bearing friction", "coulomb pivot", "pivot coulomb"),
     torque=torque,
-    special=True,
+    free=True,
     splits="a heavier bob on the same pivot: with the load the loss per swing stays the same",
 )
