@@ -49,6 +49,7 @@ class Heap:
     asked: int
     placed: int
     fallen: int  # over the rim, or through the drain
+    bed_height: float | None = None  # [m], mean surface of the bed in the tube of a pouring, before it is lifted
     statistics: dict[str, float] = field(default_factory=dict)
     history: History | None = None  # energy, contacts and overlaps over time
     assumptions: dict[str, str] = field(default_factory=dict)  # all that the rig's description leaves open
@@ -232,6 +233,7 @@ def _heap(
         asked=asked,
         placed=course.placed,
         fallen=course.placed - int(stays.sum()),
+        bed_height=course.bed_height,
         statistics=statistics,
         history=history,
         assumptions=assumptions,

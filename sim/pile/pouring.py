@@ -18,6 +18,7 @@ from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import Pile
 from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.output.outline import surface
 from rigtwin.sim.pile.piling import Course, bowl
 from rigtwin.sim.run import filling
 
@@ -94,6 +95,8 @@ class Pouring:
             course.placed = self.count
         if course.let_go is None:
             filling.settle_and_let_go(bulk, logbook, course, self.particle, self.fill_limit, progress)
+            beads = bulk.beads()
+            course.bed_height = float(surface(beads.position, beads.radius, self.tube_diameter).mean())
             bulk.move_wall(tube, Motion((0.0, 0.0, self.lift_speed), start=bulk.time))
         assert course.let_go is not None
         steps = max(1, round(filling.LOOK / bulk.time_step))
