@@ -40,7 +40,7 @@ WORTH = 8.0  # score from which an effect is looked at again
 NEAR = 20.0  # difference in score from the best up to which one is
 FEWEST = 3  # repetitions of a lab in all
 FAR = 3.0  # standard uncertainties from which a number is listed among those that disagree
-NOISE = "scatter of the repetitions and of the twins from seed to seed, and 2 % by which two codes may differ"
+NOISE = "scatter of the repetitions and of the twins from seed to seed, and a percent by which two codes may differ"
 
 
 @dataclass(frozen=True)
@@ -299,8 +299,9 @@ def _gap(axes: Sequence[Axis], responses: Sequence[Response], naming: BulkNaming
     found = Gap(excess(naming.base) / number, excess(best) / number, floor, noise=NOISE)
     if naming.best is None or len(responses) < 2:
         return found
-    held = responses[-1]
-    before, after = (fit(axes, responses[:-1], freed) for freed in ((), best.freed))
+    held = max(responses, key=lambda one: _missed(one, naming.base))
+    others = [one for one in responses if one is not held]
+    before, after = (fit(axes, others, freed) for freed in ((), best.freed))
     return replace(
         found,
         condition_before=_missed(held, before), condition_after=_missed(held, after), condition_noise_floor=1.0,

@@ -42,15 +42,15 @@ class BulkFit:
     def std(self, name: str) -> float:
         """Standard uncertainty of the value, in SI."""
         k = self._place(name)
-        spread, axis = float(np.sqrt(self.covariance[k, k])), self.axes[k]
+        spread, axis = float(np.sqrt(max(self.covariance[k, k], 0.0))), self.axes[k]
         high, low = min(self.u[k] + spread, 1.0), max(self.u[k] - spread, axis.low)
         return abs(axis.value(float(high)) - axis.value(float(low))) / 2
 
     def significance(self, name: str) -> float:
         """Coordinate over its standard uncertainty."""
         k = self._place(name)
-        spread = float(np.sqrt(self.covariance[k, k]))
-        return abs(float(self.u[k])) / spread if spread > 0 else np.inf
+        spread = float(np.sqrt(max(self.covariance[k, k], 0.0)))
+        return abs(float(self.u[k])) / spread if spread > 0 else 0.0
 
     def _place(self, name: str) -> int:
         return [axis.name for axis in self.axes].index(name)

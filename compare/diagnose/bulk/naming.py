@@ -68,7 +68,8 @@ class BulkNaming:
 def name_effects(lab: BulkLab, axes: Sequence[Axis], responses: Sequence[Response]) -> BulkNaming:
     """Fit the baseline, each effect and pairs of the leading ones, and judge them."""
     base = fit(axes, responses)
-    singles = [_candidate(axes, responses, base, (one,)) for one in effects_of(lab, axes)]
+    visible = [axis for k, axis in enumerate(axes) if any(one.depends_on(k) for one in responses)]
+    singles = [_candidate(axes, responses, base, (one,)) for one in effects_of(lab, visible)]
     singles.sort(key=lambda one: -one.score)
     plausible = [one for one in singles if not one.reason]
     tried = list(singles)

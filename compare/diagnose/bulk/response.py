@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,11 +29,16 @@ from rigtwin.compare.diagnose.bulk.observables import (
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
 # two codes with the same contact law differ by this much (`make bench-decks`, means of two runs, half of it scatter)
-AGREE = 0.02  # relative, of outlines, times and numbers of particles
-AGREE_BED = 0.01  # relative, of the height of a bed
+AGREE = 0.008  # relative, of outlines, times and numbers of particles
+AGREE_BED = 0.006  # relative, of the height of a bed
 AGREE_MASS = 0.002  # relative; nothing but counting and weighing
-DISTORTED = (-1.0, -0.5, -0.2, 0.2, 0.5, 1.0)  # coordinates at which an error of the measurement is worked out
+DISTORTED = (-1.0, -0.7, -0.4, -0.2, 0.2, 0.4, 0.7, 1.0)  # coordinates at which an error of the measurement is worked out
+WILD = 4.0  # standard deviations at which a residual is cut before correlations are taken
+NEARBY = 0.3  # coordinate from which on the misfit of an axis's quadratic counts in full
 OFTEN = 0.8  # share of the twins that give a number, below which it is not used
 FEWEST = 6  # twins of a condition
 
@@ -69,8 +75,12 @@ class Response:
         Of the normal matrix of the fit, for columns 1, then u and u^2 of each axis with twins.
     columns : tuple of int
         Numbers of the axes with twins.
+    bent : ndarray, shape (axes, k)
+        Variance by which the twins along an axis miss its quadratic, beyond their scatter.
     agree : ndarray, shape (k,)
         Standard uncertainty of the twin beside its scatter.
+    worked_out : mapping of int to CubicSpline
+        Change of the numbers with the coordinate of an axis without twins, by the number of the axis.
     """
 
     features: Features
@@ -83,7 +93,14 @@ class Response:
     run: Array
     inverse: Array
     columns: tuple[int, ...]
+    bent: Array
     agree: Array
+    worked_out: Mapping[int, CubicSpline]
+
+    def depends_on(self, axis: int) -> bool:
+        """Whether any number depends on the axis of this number."""
+        known = self.worked_out.get(axis)
+        return bool(self.linear[axis].any() or self.quadratic[axis].any() or (known is not None and known(1.0).any()))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,16 +108,21 @@ class Response:
 
     def predicted(self, u: Array) -> Array:
         """The numbers at coordinates, shape (axes,)."""
-        return np.asarray(self.constant + u @ self.linear + u**2 @ self.quadratic)
+        found = self.constant + u @ self.linear + u**2 @ self.quadratic
+        return np.asarray(found + sum(curve(u[k]) for k, curve in self.worked_out.items()))
 
     def slopes(self, u: Array) -> Array:
         """Derivatives of the numbers by the coordinates, shape (k, axes)."""
-        return np.asarray((self.linear + 2 * u[:, None] * self.quadratic).T)
+        found = (self.linear + 2 * u[:, None] * self.quadratic).T
+        for k, curve in self.worked_out.items():
+            found[:, k] += curve(u[k], 1)
+        return np.asarray(found)
 
     def covariance(self, u: Array) -> Array:
         """Of the difference of measurement and twin at coordinates."""
         row = _row(u[list(self.columns)])
-        return np.asarray(self.mean + float(row @ self.inverse @ row) * self.run + np.diag(self.agree**2))
+        bent = np.minimum(np.abs(u) / NEARBY, 1.0) ** 2 @ self.bent
+        return np.asarray(self.mean + float(row @ self.inverse @ row) * self.run + np.diag(self.agree**2 + bent))
 
     @cached_property
     def floor(self) -> Array:
@@ -141,25 +163,28 @@ def _fitted(
     values = np.array([each.mean(axis=0) for each in views])[:, known]
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-9)
     coefficients = inverse @ design.T @ values
-    free = max(len(values) - np.linalg.matrix_rank(design), 1)
     fitted = design @ coefficients
-    run = _covariance(values - fitted, free)
-    single = _covariance(
-        np.concatenate([each[:, known] - row for each, row in zip(views, fitted, strict=True)]),
-        free * sum(len(each) for each in views) / len(views),
-    )
+    rank = float(np.linalg.matrix_rank(design))
+    run = _covariance(values - fitted, len(values) - rank)
+    looks = np.concatenate([each[:, known] - row for each, row in zip(views, fitted, strict=True)])
+    single = _covariance(looks, len(looks) * (1 - rank / len(values)))
+    bent = np.zeros((len(axes), known.sum()))
+    for k in columns:
+        bent[k] = _bent(coordinates[:, k], values - fitted, run)
     linear, quadratic = np.zeros((len(axes), known.sum())), np.zeros((len(axes), known.sum()))
     for place, k in enumerate(columns):
         linear[k], quadratic[k] = coefficients[1 + 2 * place], coefficients[2 + 2 * place]
-    for k, axis in enumerate(axes):
-        if acts(axis, condition) and (axis.distortion or axis.mass):
-            linear[k], quadratic[k] = (part[known] for part in _worked_out(condition, axis, features, runs))
+    worked_out = {
+        k: _worked_out(condition, axis, features, runs, known)
+        for k, axis in enumerate(axes)
+        if acts(axis, condition) and (axis.distortion or axis.mass)
+    }
     names = [name for name, one in zip(features.names, known, strict=True) if one]
     sizes = features.sizes[known]
     return Response(
         _kept(features, known), np.nanmean(lab[:, known], axis=0), coefficients[0], linear, quadratic, single,
-        _of_the_mean(lab[:, known], single), run, inverse, columns,
-        np.array([_agree(name) * size for name, size in zip(names, sizes, strict=True)]),
+        _of_the_mean(lab[:, known], single), run, inverse, columns, bent,
+        np.array([_agree(name) * size for name, size in zip(names, sizes, strict=True)]), worked_out,
     )  # fmt: skip
 
 
@@ -181,17 +206,29 @@ def _kept(features: Features, known: Array) -> Features:
 
 
 def _covariance(residuals: Array, free: float) -> Array:
-    """Covariance of residuals with so many degrees of freedom, its correlations shrunk (Ledoit & Wolf 2004)."""
+    """Covariance of residuals with so many degrees of freedom, its correlations shrunk (Ledoit & Wolf 2004).
+
+    Its scale is that of the median: a coordinate that no quadratic describes counts where it is (`_bent`).
+    """
+    from scipy.stats import median_abs_deviation
     from sklearn.covariance import LedoitWolf
 
-    spread = np.sqrt((residuals**2).sum(axis=0) / free)
+    spread = median_abs_deviation(residuals, scale="normal", axis=0)
+    spread *= math.sqrt(len(residuals) / max(free, 1.0))
     varied = spread > 0
     found = np.diag(spread**2)
     if varied.sum() > 1:
-        shrunk = LedoitWolf(assume_centered=True).fit(residuals[:, varied] / spread[varied]).covariance_
+        scaled = np.clip(residuals[:, varied] / spread[varied], -WILD, WILD)
+        shrunk = LedoitWolf(assume_centered=True).fit(scaled).covariance_
         deviation = np.sqrt(np.diag(shrunk))
         found[np.ix_(varied, varied)] = shrunk / np.outer(deviation, deviation) * np.outer(*(spread[varied],) * 2)
     return found
+
+
+def _bent(coordinate: Array, residuals: Array, run: Array) -> Array:
+    """Variance by which the runs along an axis miss its quadratic beyond their scatter, shape (k,)."""
+    there = residuals[coordinate != 0]
+    return np.asarray(np.maximum(np.mean(there**2, axis=0) - np.diag(run), 0.0))
 
 
 def _of_the_mean(lab: Array, single: Array) -> Array:
@@ -210,9 +247,11 @@ def _of_the_mean(lab: Array, single: Array) -> Array:
 
 
 def _worked_out(
-    condition: BulkCondition, axis: Axis, features: Features, runs: Sequence[Twinned]
-) -> tuple[Array, Array]:
-    """Coefficients of an axis without twins: an error of the measurement, or of the mass alone."""
+    condition: BulkCondition, axis: Axis, features: Features, runs: Sequence[Twinned], known: Array
+) -> CubicSpline:
+    """Change of the numbers along an axis without twins: an error of the measurement, or of the mass alone."""
+    from scipy.interpolate import CubicSpline
+
     stated = [run.result for run in runs if not any(run.point.values())] or [runs[0].result]
     levels = [one for one in DISTORTED if axis.symmetric or one > 0]
     before = _looked(features, [look for result in stated for look in of_twin(condition, result)])
@@ -226,9 +265,8 @@ def _worked_out(
             assert axis.mass is not None
             weighs = np.array([name == "total_mass" for name in features.names], dtype=float)
             changes.append(weighs * np.nan_to_num(before) * (axis.mass(value) - 1))
-    design = np.column_stack([levels, np.square(levels)])
-    found = np.linalg.lstsq(design, np.array(changes), rcond=None)[0]
-    return found[0], found[1]
+    order = np.argsort([*levels, 0.0])
+    return CubicSpline(np.array([*levels, 0.0])[order], np.array([*changes, 0 * before])[order][:, known])
 
 
 def _looked(features: Features, seen: Sequence[Seen]) -> Array:

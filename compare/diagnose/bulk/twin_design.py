@@ -1,7 +1,8 @@
-"""Which twins are run: the stated setting with several seeds, each axis at a few coordinates, then the best candidates."""
+"""Which twins are run: the stated setting with several seeds, each axis at a few coordinates, then likely effects."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -63,10 +64,10 @@ class Twins:
         self, planned: Sequence[tuple[BulkCondition, Mapping[Axis, float]]], campaign: Campaign, progress: Progress,
         stage_name: str, stage: int,
     ) -> None:  # fmt: skip
-        runs = [
-            self.run(condition, point, self.seed + stage * SEEDS + number)
-            for number, (condition, point) in enumerate(planned)
-        ]
+        runs, numbered = [], Counter[str]()
+        for condition, point in planned:  # each condition counts its own seeds, so that labs share the twins of one rig
+            runs.append(self.run(condition, point, self.seed + stage * SEEDS + numbered[condition.name]))
+            numbered[condition.name] += 1
         done = results_of(runs, campaign, progress, stage_name)
         self.failures.update(done.failures)
         self.asked += len(runs)

@@ -131,7 +131,7 @@ def test_what_no_deck_can_hold_is_refused():
     with pytest.raises(BadInput, match="clump"):
         replace(deck("yade", "pile"), particle=hlosta2020.particle("C6_8s-a"))
     with pytest.raises(BadInput, match="tube that is lifted"):
-        replace(deck("liggghts", "pile"), rig=Pile(0.09, variant="pouring")).files()
+        replace(deck("lammps", "pile"), rig=Pile(0.09, variant="pouring"))
     with pytest.raises(BadInput, match="LAMMPS deck has no walls like"):
         replace(deck("lammps", "hopper"), rig=Hopper(0.03, "slot")).files()
     with pytest.raises(BadInput, match="damping tsuji"):
