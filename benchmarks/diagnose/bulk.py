@@ -120,8 +120,12 @@ EFFECTS: dict[str, tuple[tuple[str, ...], Change]] = {
         ("pile", "packing", "drum", "hopper"), lambda w, r: replace(w, cohesion=r.uniform(1.6e5, 2.6e5))
     ),
     "particle_size": (("pile", "packing"), lambda w, r: replace(w, diameter=w.diameter * (1 + _either(r, 0.04, 0.07)))),
-    "particle_density": (("pile", "packing", "hopper"), lambda w, r: replace(w, density=w.density * (1 + _either(r, 0.06, 0.12)))),
-    "wall_friction": (("packing", "hopper", "drum"), lambda w, r: replace(w, wall_friction=w.wall_friction * r.uniform(0.15, 0.35))),
+    "particle_density": (
+        ("pile", "packing", "hopper"), lambda w, r: replace(w, density=w.density * (1 + _either(r, 0.06, 0.12)))
+    ),
+    "wall_friction": (
+        ("packing", "hopper", "drum"), lambda w, r: replace(w, wall_friction=w.wall_friction * r.uniform(0.15, 0.35))
+    ),
     "end_wall_friction": (("drum",), lambda w, r: replace(w, end_friction=0.1 * w.wall_friction)),
     "lift_speed": (("pile",), lambda w, r: replace(w, lift=_factor(r, 2.0, 3.0))),
     "camera_roll": (("pile", "drum"), lambda w, r: replace(w, roll=math.radians(_either(r, 3.0, 6.0)))),
@@ -172,7 +176,8 @@ def _as_any_lab(stated: World, random: np.random.Generator) -> World:
     """The stated world with small errors inside the stated uncertainties."""
     return replace(
         stated,
-        friction=stated.friction + random.normal(0, 0.012), wall_friction=stated.wall_friction + random.normal(0, 0.012),
+        friction=stated.friction + random.normal(0, 0.012),
+        wall_friction=stated.wall_friction + random.normal(0, 0.012),
         diameter=stated.diameter * (1 + random.normal(0, 0.002)), scale=random.normal(0, 0.002),
         roll=math.radians(random.normal(0, 0.1)), clock=random.normal(0, 1e-4),
     )  # fmt: skip
@@ -222,7 +227,9 @@ def changed(files: Mapping[str, str], world: World) -> dict[str, str]:
     return found
 
 
-def write_repetition(folder: Path, twin: Twin, experiment: Experiment, world: World, random: np.random.Generator) -> None:
+def write_repetition(
+    folder: Path, twin: Twin, experiment: Experiment, world: World, random: np.random.Generator
+) -> None:
     """Profile or discharge, and results, as the camera with its errors sees them."""
     folder.mkdir(parents=True, exist_ok=True)
     bead = experiment.particle
@@ -267,7 +274,7 @@ def document(case: Case) -> dict[str, Any]:
         given["bead"] = "bead" if size == 1 else "fine"
         given |= {STATED_AS[rig.name][k]: v for k, v in vars(rig).items() if k in STATED_AS[rig.name] and v is not None}
         conditions.append(given)
-    kinds = {"bead": 1.0} | {"fine": RIGS[key][2] for key in KINDS[case.kind] if RIGS[key][2] != 1}
+    kinds = {"bead" if RIGS[key][2] == 1 else "fine": RIGS[key][2] for key in KINDS[case.kind]}
     return {
         "case": f"lab {case.number}: {case.kind}",
         "rig": conditions[0]["rig"],

@@ -60,7 +60,8 @@ def _input(deck: Deck) -> str:
 
     def opened(wall: str) -> str:
         left = [name for name in scene.walls if name != wall]
-        still = f"unfix lift_{wall}\n" if any(isinstance(one, Lift) and one.wall == wall for one in scene.stages) else ""
+        moves = any(isinstance(one, Lift) and one.wall == wall for one in scene.stages)
+        still = f"unfix lift_{wall}\n" if moves else ""
         return f"{still}unfix walls\nunfix {wall}\n{_walls(deck, left)}"
 
     def lifted(wall: str, speed: float) -> str:

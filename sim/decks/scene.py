@@ -242,7 +242,7 @@ def _lifted(
     bed = method.count * bead.volume / LOOSEST / (math.pi * half**2) + bead.diameter
     lift = Lift("tube", method.lift_speed, bed)
     stages = (Settle(fill_limit, SETTLED), lift, Open("tube"), Settle(settle_limit, AT_REST))
-    return Scene(method.rig, walls, at, moving, stages, low, high + [0.0, 0.0, 1.1 * bed], inside)
+    return Scene(method.rig, walls, at, moving, stages, low, np.add(high, (0.0, 0.0, 1.1 * bed)), inside)
 
 
 def _drum(

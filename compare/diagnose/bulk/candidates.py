@@ -61,7 +61,7 @@ EFFECTS = (
     ),
     BulkEffect(
         "end_wall_friction", "end-wall friction", "physical", "end_wall_friction", "static_friction",
-        "tangential force of at most mu F_n at the end walls", "a drum of another length: end walls matter as d over it",
+        "tangential force of at most mu F_n at the end walls", "a drum of another length, over which end walls matter",
         ("friction of the drum's end walls",),
     ),
     BulkEffect(

@@ -94,6 +94,21 @@ NAMES: dict[str, dict[str, tuple[str, tuple[str, ...]]]] = {
     },
 }  # fmt: skip
 """For each rig the settings: kind of quantity, and names that are understood, each with a unit as its ending."""
+WORDS: dict[str, dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
+    "pile": {"base_diameter": (("base", "dish", "plate"), ("height", "tube", "cylinder"))},
+    "packing": {"cylinder_diameter": (("diameter",), ("bead", "particle", "outlet", "funnel", "hopper"))},
+    "drum": {
+        "drum_diameter": (("diameter",), ("bead", "particle")),
+        "depth": (("length", "depth", "width"), ()),
+        "speed": (("",), ("frame",)),
+        "fill": (("fill",), ("count",)),
+    },
+    "hopper": {
+        "outlet": (("outlet", "orifice", "opening", "aperture", "slot"), ("time", "delay", "length")),
+        "bin_width": (("diameter", "width"), ("bead", "particle", "outlet", "orifice", "opening", "aperture", "slot")),
+    },
+}
+"""Words of which a key has one, and those that it must not have, where none of `NAMES` is there."""
 NEEDED = {
     "pile": ("base_diameter", "count"),
     "packing": ("cylinder_diameter", "count"),
@@ -155,7 +170,8 @@ def read_bulk_lab(path: Path, *, allow_outside: bool = False) -> BulkLab:
             raise BadLabFile(f"{file}: conditions: {name!r} is there twice; give each its own name.")
         bead = _particle(bead_of(document, one, file, name), file)
         wall = _wall(document, one, bead)
-        settings = _settings(rig, {**document.get("rig_geometry", {}), **one}, document, file, name)
+        of_rig = document.get(rig) if isinstance(document.get(rig), dict) else {}
+        settings = _settings(rig, {**document.get("rig_geometry", {}), **of_rig, **one}, document, file, name)
         records = tuple(_records(file, one, name, rig, allow_outside, left_out))
         conditions.append(BulkCondition(Experiment(name, settings, bead, wall, Camera(), ()), records))
         contacts |= _contacts(document, bead, wall, file)
@@ -207,8 +223,25 @@ def _found(table: Mapping[str, Any], kind: str, names: Sequence[str]) -> tuple[s
     return None
 
 
+def _with_words(
+    table: Mapping[str, Any], kind: str, words: Sequence[str], without: Sequence[str]
+) -> tuple[str, float] | None:
+    """The only key that ends in a unit of this kind and has one of the words; None where there are several."""
+    found = [
+        (key, float(value) * UNITS[kind][ending])
+        for key, value in table.items()
+        for ending in UNITS[kind]
+        if is_number(value) and ending and f"_{key}".endswith(ending) and "uncertainty" not in key
+        and any(word in key for word in words) and not any(word in key for word in without)
+    ]  # fmt: skip
+    return found[0] if len({key for key, _ in found}) == 1 else None
+
+
 def _settings(rig: str, raw: Mapping[str, Any], document: Mapping[str, Any], file: Path, name: str) -> RigSettings:
     found = {key: item[1] for key, (kind, names) in NAMES[rig].items() if (item := _found(raw, kind, names))}
+    for key, (words, without) in WORDS[rig].items():
+        if key not in found and (item := _with_words(raw, NAMES[rig][key][0], words, without)):
+            found[key] = item[1]
     for key in NEEDED[rig]:
         if key not in found:
             kind, names = NAMES[rig][key]

@@ -36,7 +36,16 @@ if TYPE_CHECKING:
 AGREE = 0.008  # relative, of outlines, times and numbers of particles
 AGREE_BED = 0.006  # relative, of the height of a bed
 AGREE_MASS = 0.002  # relative; nothing but counting and weighing
-DISTORTED = (-1.0, -0.7, -0.4, -0.2, 0.2, 0.4, 0.7, 1.0)  # coordinates at which an error of the measurement is worked out
+DISTORTED = (
+    -1.0,
+    -0.7,
+    -0.4,
+    -0.2,
+    0.2,
+    0.4,
+    0.7,
+    1.0,
+)  # coordinates at which an error of the measurement is worked out
 WILD = 4.0  # standard deviations at which a residual is cut before correlations are taken
 NEARBY = 0.3  # coordinate from which on the misfit of an axis's quadratic counts in full
 OFTEN = 0.8  # share of the twins that give a number, below which it is not used

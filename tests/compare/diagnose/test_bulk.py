@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -59,7 +60,7 @@ def twin(settings: dict) -> dict:
     """Result of a run by the law, with the scatter of its seed."""
     random = np.random.default_rng([settings["seed"], len(str(settings))])
     bead, rig = settings["particle"], settings["rig_settings"]
-    wall, like = settings["contacts"]
+    _wall, like = settings["contacts"]
     found = {
         "rig": settings["rig"], "quantities": [], "checks": [], "warnings": [], "assumptions": [], "profiles": [],
         "series": [], "wall_s": 0.1, "settings": {"particle": bead},
@@ -73,7 +74,7 @@ def twin(settings: dict) -> dict:
     tall, bend, stay = pile_law(
         rig["base_diameter"], like["static_friction"], like["rolling_friction"], (rig["lift_speed"] or 0.15) / 0.15
     )
-    tall *= (1 + 2e-6 * settings["effects"].get("cohesion_sjkr", {}).get("energy_density", 0.0))
+    tall *= 1 + 2e-6 * settings["effects"].get("cohesion_sjkr", {}).get("energy_density", 0.0)
     x, height = outline(rig["base_diameter"], tall * random.normal(1, 0.01), bend + random.normal(0, 0.02))
     found["profiles"] = [{"base": [-rig["base_diameter"] / 2, rig["base_diameter"] / 2], "view": "0"}]
     found |= {"profile_1_x": x, "profile_1_height": height, "profile_1_sigma": 0 * x}
@@ -128,7 +129,7 @@ def write(folder: Path, conditions: list, mu: float = 0.4, rolling: float = 0.0,
 
 
 def test_a_lab_that_agrees_with_its_twins_has_no_effect(tmp_path, by_law):
-    found, files = diagnose_folder(write(tmp_path / "lab", PILES), tmp_path / "out")
+    _found, files = diagnose_folder(write(tmp_path / "lab", PILES), tmp_path / "out")
     said = json.loads(files["diagnosis.json"].read_text())
     assert (said["verdict"], said["effects"]) == ("none", [])
     assert "rolling resistance" in said["next_experiment"]  # the smallest one that would have shown
@@ -194,9 +195,8 @@ def spoil(folder: Path, change: Callable[[dict], object]) -> None:
 def test_what_cannot_be_read_is_refused_in_one_sentence(tmp_path, change, says):
     lab = write(tmp_path / "lab", PILES)
     spoil(lab, change)
-    with pytest.raises(BadLabFile, match=".") as refusal:
+    with pytest.raises(BadLabFile, match=re.escape(says)):
         diagnose_folder(lab, tmp_path / "out")
-    assert says in str(refusal.value)
 
 
 def test_the_command_refuses_a_table_without_its_columns_with_exit_code_2(tmp_path, capsys):
