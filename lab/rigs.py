@@ -293,8 +293,11 @@ class HopperSettings(_Settings):
         if self.variant == "slot":
             slot = Hopper(outlet, "slot", width=self.bin_width, slot_length=self.depth)
             return slot if self.inclination is None else replace(slot, inclination=self.inclination)
-        stated = {"diameter": self.bin_width, "cone_height": self.cone_height}
-        return replace(Hopper(outlet), **{name: value for name, value in stated.items() if value is not None})
+        usual = Hopper(outlet)
+        wide = usual.diameter if self.bin_width is None else self.bin_width
+        return replace(
+            usual, diameter=wide, cone_height=usual.cone_height if self.cone_height is None else self.cone_height
+        )
 
 
 RigSettings = (

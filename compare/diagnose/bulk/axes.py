@@ -108,7 +108,7 @@ def _about(stated: float, most: float = math.inf, factor: float = FACTOR) -> Cal
 
     def value(coordinate: float) -> float:
         high = min(factor, most / stated) if coordinate > 0 else factor
-        return stated * high**coordinate
+        return float(stated * high**coordinate)
 
     return value
 
@@ -121,6 +121,7 @@ def _up_to(most: float) -> Callable[[float], float]:
 def _friction(name: str, parameter: str, meaning: str, stated: float, std: float, rigs: Sequence[str] = ()) -> Axis:
     """The axis of a coefficient of friction."""
     everywhere = tuple(rigs) or ("pile", "packing", "drum", "hopper")
+    levels: tuple[float, ...]
     if stated < 2 * std or stated <= 0:
         value, symmetric, levels = _up_to(1.0), False, (0.4, 0.7, 1.0)
         spread = math.sqrt(std)
@@ -187,7 +188,7 @@ def energy_density(lab: BulkLab, condition: BulkCondition, bond: float) -> float
     radius = bead.radius / 2
     hertz = 4 / 3 * modulus * math.sqrt(radius)
     pull = (27 / 4 * bond * bead.mass * GRAVITY * hertz**2) ** (1 / 3)
-    return pull / (2 * math.pi * radius)
+    return float(pull / (2 * math.pi * radius))
 
 
 def _cohesion(lab: BulkLab) -> Axis:

@@ -163,14 +163,17 @@ def read_bulk_lab(path: Path, *, allow_outside: bool = False) -> BulkLab:
             "write a lab.json of its own for it."
         )
     left_out: list[str] = []
-    conditions, contacts, materials, particles = [], {}, {}, {}
+    conditions: list[BulkCondition] = []
+    contacts: dict[Pair, KnownContact] = {}
+    materials: dict[str, Material] = {}
+    particles: dict[str, Particle] = {}
     for one, rig in zip(raw, _rigs(document), strict=True):
         name = text_of(one, "name", file)
         if name in [known.name for known in conditions]:
             raise BadLabFile(f"{file}: conditions: {name!r} is there twice; give each its own name.")
         bead = _particle(bead_of(document, one, file, name), file)
         wall = _wall(document, one, bead)
-        of_rig = document.get(rig) if isinstance(document.get(rig), dict) else {}
+        of_rig: dict[str, Any] = found if isinstance(found := document.get(rig), dict) else {}
         settings = _settings(rig, {**document.get("rig_geometry", {}), **of_rig, **one}, document, file, name)
         records = tuple(_records(file, one, name, rig, allow_outside, left_out))
         conditions.append(BulkCondition(Experiment(name, settings, bead, wall, Camera(), ()), records))
@@ -268,9 +271,9 @@ def _settings(rig: str, raw: Mapping[str, Any], document: Mapping[str, Any], fil
 
 def _pile(found: dict[str, Any]) -> PileSettings:
     pours = "tube_diameter" in found or "lift_speed" in found
-    variant = "pouring" if pours else "piling"
     unused = ("outlet_height", "outlet_diameter") if pours else ()
-    return PileSettings(**{key: value for key, value in found.items() if key not in unused}, variant=variant)
+    used = {key: value for key, value in found.items() if key not in unused}
+    return PileSettings(**used, variant="pouring" if pours else "piling")
 
 
 def _hopper(found: dict[str, Any], raw: Mapping[str, Any]) -> HopperSettings:

@@ -46,6 +46,7 @@ DISTORTED = (
     0.7,
     1.0,
 )  # coordinates at which an error of the measurement is worked out
+LEVERAGE = 0.2  # one less the leverage of a run, below which its residual says nothing of the scatter
 WILD = 4.0  # standard deviations at which a residual is cut before correlations are taken
 NEARBY = 0.3  # coordinate from which on the misfit of an axis's quadratic counts in full
 OFTEN = 0.8  # share of the twins that give a number, below which it is not used
@@ -173,10 +174,10 @@ def _fitted(
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-9)
     coefficients = inverse @ design.T @ values
     fitted = design @ coefficients
-    rank = float(np.linalg.matrix_rank(design))
-    run = _covariance(values - fitted, len(values) - rank)
+    free = 1 - np.einsum("ij,jk,ik->i", design, inverse, design)
+    run = _covariance(values - fitted, free)
     looks = np.concatenate([each[:, known] - row for each, row in zip(views, fitted, strict=True)])
-    single = _covariance(looks, len(looks) * (1 - rank / len(values)))
+    single = _covariance(looks, np.repeat(free, [len(each) for each in views]))
     bent = np.zeros((len(axes), known.sum()))
     for k in columns:
         bent[k] = _bent(coordinates[:, k], values - fitted, run)
@@ -214,16 +215,17 @@ def _kept(features: Features, known: Array) -> Features:
     )
 
 
-def _covariance(residuals: Array, free: float) -> Array:
-    """Covariance of residuals with so many degrees of freedom, its correlations shrunk (Ledoit & Wolf 2004).
+def _covariance(residuals: Array, free: Array) -> Array:
+    """Covariance of residuals, its correlations shrunk (Ledoit & Wolf 2004); `free` is one less each run's leverage.
 
     Its scale is that of the median: a coordinate that no quadratic describes counts where it is (`_bent`).
     """
     from scipy.stats import median_abs_deviation
     from sklearn.covariance import LedoitWolf
 
-    spread = median_abs_deviation(residuals, scale="normal", axis=0)
-    spread *= math.sqrt(len(residuals) / max(free, 1.0))
+    judged = free > LEVERAGE
+    residuals = residuals[judged] / np.sqrt(free[judged])[:, None]
+    spread = np.asarray(median_abs_deviation(residuals, scale="normal", axis=0))
     varied = spread > 0
     found = np.diag(spread**2)
     if varied.sum() > 1:
