@@ -73,7 +73,8 @@ def name_effects(lab: BulkLab, axes: Sequence[Axis], responses: Sequence[Respons
     singles.sort(key=lambda one: -one.score)
     plausible = [one for one in singles if not one.reason]
     tried = list(singles)
-    if plausible and plausible[0].score > ALARM:
+    # no pair can gain more than the best effect leaves
+    if plausible and plausible[0].score > ALARM and excess(plausible[0].fitted) > SECOND:
         leading = plausible[:LEADING]
         pairs = [
             _candidate(axes, responses, base, (one.effects[0], other.effects[0]), one.fitted)

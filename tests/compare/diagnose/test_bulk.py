@@ -63,7 +63,7 @@ def twin(settings: dict) -> dict:
     _wall, like = settings["contacts"]
     found = {
         "rig": settings["rig"], "quantities": [], "checks": [], "warnings": [], "assumptions": [], "profiles": [],
-        "series": [], "wall_s": 0.1, "settings": {"particle": bead},
+        "series": [], "wall_s": 0.1, "settings": {"particle": bead | {"density": bead["density"] or bead["material"]["density"]}},
     }  # fmt: skip
     loose = 1 + 0.05 * math.log(like["static_friction"] / 0.4) + 0.6 * like["rolling_friction"]
     loose += 1e-7 * settings["effects"].get("cohesion_sjkr", {}).get("energy_density", 0.0)
@@ -169,6 +169,60 @@ def test_two_names_that_one_bed_cannot_tell_apart_come_with_an_experiment_that_d
     assert "rolling_resistance" in said["indistinguishable"][0]
     assert "standard deviations" in said["next_experiment"]
     assert said["designs"][0]["separation_sigma"] > 0
+
+
+def notebook(folder: Path) -> Path:
+    """The same piles as a lab.toml with tables of profiles."""
+    experiments = "".join(
+        f"""
+[[experiments]]
+id = "{one["name"]}"
+rig = "pile"
+variant = "pouring"
+particle = "bead"
+wall = "plate"
+base_diameter = "{1e3 * one["base_diameter_m"]:g} mm"
+rim_height = "5 mm"
+tube_diameter = "60 mm"
+lift_speed = "0.15 m/s"
+count = 600
+repetitions = [{", ".join(f'"{one["name"]}/rep{k:02d}/profile.csv"' for k in (1, 2, 3))}]
+"""
+        for one in PILES
+    )
+    materials = "".join(
+        f"[materials.{name}]\ndensity = 1768\nyoungs_modulus = 1e7\npoisson_ratio = 0.3\n"
+        for name in ("plastic", "plate")
+    )
+    (folder / "lab.json").unlink()
+    (folder / "lab.toml").write_text(
+        f"""[lab]
+title = "the same piles"
+{materials}
+[particles.bead]
+material = "plastic"
+diameter = "6 mm"
+[contacts.bead-bead]
+restitution = 0.8
+static_friction = 0.4
+rolling_friction = 0.0
+[contacts.bead-plate]
+restitution = 0.6
+static_friction = 0.4
+rolling_friction = 0.0
+{experiments}"""
+    )
+    return folder
+
+
+def test_piles_of_a_lab_toml_are_diagnosed_too(tmp_path, by_law):
+    found, _ = diagnose_folder(notebook(write(tmp_path / "lab", PILES, roll=math.radians(4))), tmp_path / "out")
+    assert (found.verdict, found.naming.best.names) == ("named", ("camera_roll",))
+    found, _ = diagnose_folder(
+        notebook(write(tmp_path / "other", PILES, rolling=0.3)), tmp_path / "other-out", only=["base90"]
+    )
+    assert "rolling_resistance" in {name for one in found.naming.tried[:5] for name in one.names}
+    assert [one.name for one in found.lab.conditions] == ["base90"]
 
 
 def spoil(folder: Path, change: Callable[[dict], object]) -> None:
