@@ -22,6 +22,7 @@ from rigtwin.lab.formatting import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 BEFORE, AFTER, NOISE = "#d55e00", "#0072b2", "#c3ccd4"  # safe for colour-blind readers (Okabe and Ito 2008)
 MOST_PANELS = 12
@@ -164,11 +165,17 @@ def _figure(diagnosis: Diagnosis) -> str:
     axes[-1, 0].set_xlabel("time / s", fontsize=8)
     axes[0, 0].set_ylabel("mean residual / standard errors", fontsize=7)
     axes[0, 0].legend(fontsize=7, frameon=False)
+    return drawn(
+        figure, "Mean residuals of measurement minus simulation over time, before and after the effect is added"
+    )
+
+
+def drawn(figure: Figure, label: str) -> str:
+    """A figure as SVG for the page; `label` says what it shows."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     drawing = text.getvalue()
     drawing = re.sub(r"<style.*?</style>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
-    label = "Mean residuals of measurement minus simulation over time, before and after the effect is added"
     return drawing.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
 
 

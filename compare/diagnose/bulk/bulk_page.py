@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, parameters_of
 from rigtwin.compare.diagnose.bulk.naming import ALARM, BulkCandidate
-from rigtwin.compare.diagnose.page import gap_rows, parameters_in_words
+from rigtwin.compare.diagnose.page import AFTER, BEFORE, NOISE, drawn, gap_rows, parameters_in_words
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.lab.formatting import unit_of
 
@@ -34,11 +36,35 @@ def bulk_page(found: BulkDiagnosis) -> str:
         gap_noise=found.gap.noise,
         calibration=document["calibration"],
         statistic=document["residual_statistic"],
-        figure="",
+        figure=_figure(found),
         tried=len(found.naming.tried),
         first_gain=f"{ALARM:g}",
         seconds=found.seconds,
     )
+
+
+def _figure(found: BulkDiagnosis) -> str:
+    """Deviation of each measured number over its uncertainty, before and after, one panel for each condition."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.5, 0.6 + sum(0.5 + 0.22 * len(one.names) for one in found.responses)))
+    figure.set_layout_engine("constrained")
+    heights = [len(one.names) for one in found.responses]
+    panels = np.atleast_1d(figure.subplots(len(heights), 1, squeeze=True, height_ratios=heights, sharex=True))
+    fits = [(found.naming.base, BEFORE, "before"), *([(found.shown.fitted, AFTER, "after")] if found.shown else [])]
+    for panel, one in zip(panels, found.responses, strict=True):
+        for fitted, colour, label in fits:
+            spread = np.sqrt(np.diag(one.covariance(fitted.u)))
+            off = (one.measured - one.predicted(fitted.u)) / np.where(spread > 0, spread, 1.0)
+            panel.plot(off, np.arange(len(off)), "o", ms=4, color=colour, label=label)
+        panel.set_yticks(range(len(one.names)), [name.replace("_", " ") for name in one.names], fontsize=7)
+        panel.axvspan(-2, 2, color=NOISE, alpha=0.35, lw=0)
+        panel.set_title(one.features.condition.name, fontsize=8, loc="left")
+        panel.invert_yaxis()
+        panel.tick_params(labelsize=7)
+    panels[-1].set_xlabel("measured less simulated / standard uncertainty", fontsize=8)
+    panels[0].legend(fontsize=7, frameon=False)
+    return drawn(figure, "Deviation of each measured number over its uncertainty, before and after the effect is added")
 
 
 def _row(candidate: BulkCandidate) -> dict[str, str]:

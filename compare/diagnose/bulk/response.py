@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 # two codes with the same contact law differ by this much (`make bench-decks`, means of two runs, half of it scatter)
 AGREE = 0.008  # relative, of outlines, times and numbers of particles
+AGREE_SHAPE = 0.004  # relative, of the components of a curve
 AGREE_BED = 0.006  # relative, of the height of a bed
 AGREE_MASS = 0.002  # relative; nothing but counting and weighing
 DISTORTED = (
@@ -47,7 +48,7 @@ DISTORTED = (
     1.0,
 )  # coordinates at which an error of the measurement is worked out
 LEVERAGE = 0.2  # one less the leverage of a run, below which its residual says nothing of the scatter
-WILD = 4.0  # standard deviations at which a residual is cut before correlations are taken
+CUT_AT = 4.0  # standard deviations at which a residual is cut before correlations are taken
 NEARBY = 0.3  # coordinate from which on the misfit of an axis's quadratic counts in full
 OFTEN = 0.8  # share of the twins that give a number, below which it is not used
 FEWEST = 6  # twins of a condition
@@ -199,7 +200,8 @@ def _fitted(
 
 
 def _agree(name: str) -> float:
-    return {"total_mass": AGREE_MASS, "bed_height": AGREE_BED}.get(name, AGREE)
+    usual = AGREE_SHAPE if name.startswith("component") else AGREE
+    return {"total_mass": AGREE_MASS, "bed_height": AGREE_BED}.get(name, usual)
 
 
 def _kept(features: Features, known: Array) -> Features:
@@ -229,7 +231,7 @@ def _covariance(residuals: Array, free: Array) -> Array:
     varied = spread > 0
     found = np.diag(spread**2)
     if varied.sum() > 1:
-        scaled = np.clip(residuals[:, varied] / spread[varied], -WILD, WILD)
+        scaled = np.clip(residuals[:, varied] / spread[varied], -CUT_AT, CUT_AT)
         shrunk = LedoitWolf(assume_centered=True).fit(scaled).covariance_
         deviation = np.sqrt(np.diag(shrunk))
         found[np.ix_(varied, varied)] = shrunk / np.outer(deviation, deviation) * np.outer(*(spread[varied],) * 2)

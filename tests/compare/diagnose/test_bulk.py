@@ -59,11 +59,12 @@ def outline(base: float, tall: float, bend: float, rim: float = 0.005) -> tuple[
 def twin(settings: dict) -> dict:
     """Result of a run by the law, with the scatter of its seed."""
     random = np.random.default_rng([settings["seed"], len(str(settings))])
-    bead, rig = settings["particle"], settings["rig_settings"]
+    bead, rig = dict(settings["particle"]), settings["rig_settings"]
+    bead["density"] = bead["density"] or bead["material"]["density"]
     _wall, like = settings["contacts"]
     found = {
         "rig": settings["rig"], "quantities": [], "checks": [], "warnings": [], "assumptions": [], "profiles": [],
-        "series": [], "wall_s": 0.1, "settings": {"particle": bead | {"density": bead["density"] or bead["material"]["density"]}},
+        "series": [], "wall_s": 0.1, "settings": {"particle": bead},
     }  # fmt: skip
     loose = 1 + 0.05 * math.log(like["static_friction"] / 0.4) + 0.6 * like["rolling_friction"]
     loose += 1e-7 * settings["effects"].get("cohesion_sjkr", {}).get("energy_density", 0.0)
