@@ -25,6 +25,7 @@ MOST_BOND = 25.0  # [1], largest pull of cohesion over the weight of a bead
 SIZE = 0.12  # relative, of the diameter
 DENSITY = 0.3  # relative
 RESTITUTION = 0.25
+SPREAD = 0.2  # [1], relative standard deviation of the diameters
 ELONGATION = 0.6  # [1], length over width less one, of a clump of two spheres
 ROLL, SCALE, CLOCK = math.radians(8.0), 0.12, 0.3  # [rad], relative, relative
 DELAY = 0.5  # [s]
@@ -79,8 +80,8 @@ class Axis:
 def axes_of(lab: BulkLab) -> tuple[Axis, ...]:
     """The axes of a lab, of which each acts in one of its rigs at least."""
     there = {one.rig for one in lab.conditions}
-    return tuple(axis for axis in (*_contact_axes(lab), *_particle_axes(lab), *_rig_axes(lab), *_camera_axes(lab))
-                 if there & set(axis.rigs))  # fmt: skip
+    every = (*_contact_axes(lab), *_particle_axes(lab), *_rig_axes(lab), *_camera_axes(lab), _spread())
+    return tuple(axis for axis in every if there & set(axis.rigs))
 
 
 def acts(axis: Axis, condition: BulkCondition) -> bool:
@@ -229,6 +230,23 @@ def elongated(setting: Setting, value: float) -> Setting:
     shape = clump([(-value / 2 * width, 0.0, 0.0), (value / 2 * width, 0.0, 0.0)], width / 2)
     longer = clumped(bead.name, bead.material, shape, mass=bead.mass)
     return Setting(replace(setting.experiment, particle=longer), setting.model)
+
+
+def _spread() -> Axis:
+    return Axis(
+        "size_spread", "1", "relative standard deviation of the diameters", lambda u: SPREAD * u, 0.0, (0.5, 1.0), spread,
+        symmetric=False,
+    )  # fmt: skip
+
+
+def spread(setting: Setting, value: float) -> Setting:
+    """The spheres with diameters of this relative standard deviation about the stated one, all alike often."""
+    bead = setting.experiment.particle
+    if value <= 0 or bead.shape is not None:
+        return setting
+    half = math.sqrt(3) * value
+    mixed = replace(bead, diameter=bead.diameter * (1 + half), smallest=bead.diameter * (1 - half))
+    return Setting(replace(setting.experiment, particle=mixed), setting.model)
 
 
 def _rig_axes(lab: BulkLab) -> Iterator[Axis]:

@@ -150,8 +150,11 @@ def _numbers(
 
 
 def _volume(bead: Mapping[str, Any]) -> float:
+    """Mean volume [m^3] of the particles."""
     shape = bead.get("shape")
-    return float(shape["volume"]) if shape else math.pi / 6 * bead["diameter"] ** 3
+    low, high = bead.get("smallest"), bead["diameter"]
+    cube = high**3 if low is None or low == high else (high**4 - low**4) / (4 * (high - low))
+    return float(shape["volume"]) if shape else math.pi / 6 * cube
 
 
 def _read(condition: BulkCondition, x: Array, y: Array, distortion: Distortion) -> Array | None:
