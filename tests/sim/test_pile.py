@@ -1,5 +1,6 @@
 """Pile tests: the heap rests, is round, and the result states what was assumed."""
 
+import math
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace

@@ -234,8 +234,8 @@ def elongated(setting: Setting, value: float) -> Setting:
 
 def _spread() -> Axis:
     return Axis(
-        "size_spread", "1", "relative standard deviation of the diameters", lambda u: SPREAD * u, 0.0, (0.5, 1.0), spread,
-        symmetric=False,
+        "size_spread", "1", "relative standard deviation of the diameters", lambda u: SPREAD * u, 0.0, (0.5, 1.0),
+        spread, symmetric=False,
     )  # fmt: skip
 
 
