@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -191,9 +191,11 @@ def diagnose_bulk(
         twins.first(campaign, progress)
         responses, naming = _named(lab, axes, twins)
         for look in range(1, LOOKS + 1):
-            if not twins.again(_likely(naming), campaign, progress, look):
+            likely = _likely(naming)
+            if not twins.again(likely, campaign, progress, look):
                 break
-            responses, naming = _named(lab, axes, twins)
+            near = {axis: u for point in likely for axis, u in point.items()}
+            responses, naming = _named(lab, axes, twins, near)
         designs: list[FurtherExperiment] = []
         if naming.best is not None and naming.alike:
             designs = further_experiments(twins, (naming.best, *naming.alike), campaign, progress)
@@ -204,12 +206,14 @@ def diagnose_bulk(
     return replace(found, next_experiment=_next(found), model=_model(found))
 
 
-def _named(lab: BulkLab, axes: Sequence[Axis], twins: Twins) -> tuple[tuple[Response, ...], BulkNaming]:
+def _named(
+    lab: BulkLab, axes: Sequence[Axis], twins: Twins, near: Mapping[Axis, float] | None = None
+) -> tuple[tuple[Response, ...], BulkNaming]:
     for condition in lab.conditions:
         if condition.name not in twins.runs:
             why = next(iter(twins.failures.values()), "no reason is known")
             raise BadInput(f"{condition.name}: none of its twins could be run: {why}")
-    responses = tuple(response_of(one, axes, twins.runs[one.name]) for one in lab.conditions)
+    responses = tuple(response_of(one, axes, twins.runs[one.name], near) for one in lab.conditions)
     return responses, name_effects(lab, axes, responses)
 
 

@@ -48,6 +48,8 @@ DISTORTED = (
     1.0,
 )  # coordinates at which an error of the measurement is worked out
 LEVERAGE = 0.2  # one less the leverage of a run, below which its residual says nothing of the scatter
+WINDOW = 0.45  # coordinates about a second look within which runs are used
+LEVELS = 3  # different coordinates that are left there, else all are used
 CUT_AT = 4.0  # standard deviations at which a residual is cut before correlations are taken
 NEARBY = 0.3  # coordinate from which on the misfit of an axis's quadratic counts in full
 OFTEN = 0.8  # share of the twins that give a number, below which it is not used
@@ -145,8 +147,15 @@ def _row(coordinates: Array) -> Array:
     return np.concatenate([[1.0], np.column_stack([coordinates, coordinates**2]).ravel()])
 
 
-def response_of(condition: BulkCondition, axes: Sequence[Axis], runs: Sequence[Twinned]) -> Response:
-    """Fit the runs of a condition.  Raises `BadInput` where they give nothing that was measured."""
+def response_of(
+    condition: BulkCondition, axes: Sequence[Axis], runs: Sequence[Twinned], near: Mapping[Axis, float] | None = None
+) -> Response:
+    """Fit the runs of a condition.
+
+    Along axes that were looked at again, at coordinates `near`, runs further off than `WINDOW` are not used, so that
+    the quadratic holds where it is needed.  Raises `BadInput` where the runs give nothing that was measured.
+    """
+    runs = _in_window(runs, near or {})
     mirrored = turns_the_other_way(condition)
     looks = [of_record(condition, record, mirrored) for record in condition.records]
     views = [of_twin(condition, run.result) for run in runs]
@@ -162,6 +171,15 @@ def response_of(condition: BulkCondition, axes: Sequence[Axis], runs: Sequence[T
         raise BadInput(f"{condition.name}: only {whole.sum()} twins give a result; at least {FEWEST} are needed.")
     kept = [k for k, one in enumerate(whole) if one]
     return _fitted(condition, axes, features, [runs[k] for k in kept], [ours[k] for k in kept], lab, known)
+
+
+def _in_window(runs: Sequence[Twinned], near: Mapping[Axis, float]) -> list[Twinned]:
+    kept = list(runs)
+    for axis, place in near.items():
+        inside = [run for run in kept if not run.point.get(axis) or abs(run.point[axis] - place) <= WINDOW]
+        if len({round(run.point[axis], 6) for run in inside if run.point.get(axis)}) >= LEVELS:
+            kept = inside
+    return kept
 
 
 def _fitted(
