@@ -15,7 +15,7 @@ from rigtwin.compare.diagnose.bulk.axes import Axis
 from rigtwin.compare.diagnose.bulk.response import Response
 from rigtwin.lab.arrays import Array
 
-STARTS = (-0.7, -0.3, 0.1, 0.3, 0.6, 0.95)  # first coordinates of a free axis
+STARTS = (-0.7, -0.3, 0.0, 0.1, 0.3, 0.6, 0.95)  # first coordinates of a free axis
 REWEIGHTED = 3  # fits, each with the covariance at the solution of the one before
 UNITS_STEP = 1e-3  # of a coordinate, for the derivative of a value
 
@@ -107,6 +107,7 @@ def _from(
         full[list(moved)] = part
         return full
 
+    best = _judged(axes, responses, freed, moved, u)
     for _ in range(REWEIGHTED):
         roots = [np.linalg.inv(np.linalg.cholesky(one.covariance(u))) for one in responses]
 
@@ -126,7 +127,8 @@ def _from(
         begin = np.clip(u[list(moved)], low + 1e-6, high - 1e-6)
         found = least_squares(residuals, begin, jacobian, bounds=(low, high), x_scale=0.1)
         u = whole(found.x)
-    return _judged(axes, responses, freed, moved, u)
+        best = min(best, _judged(axes, responses, freed, moved, u), key=lambda one: one.deviance)
+    return best
 
 
 def _judged(

@@ -24,6 +24,7 @@ from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, Pile
 POINTS = 61  # of the grid of a curve
 ACROSS = {"pile": 0.97, "packing": 0.85, "drum": 0.65}
 """Share of the half width of a rig over which its outline is compared; further out it is that of single beads."""
+REACH = 0.5  # share of its grid that a curve covers at least; a steep bed does not reach across a drum
 LEFT = (0.03, 0.92)  # shares that have left, between which the times of a discharge are compared
 COMPONENTS = 3  # of a curve, beside mean and tilt
 LEAST = 0.02  # share of the variance among the curves that a component has at least
@@ -158,7 +159,7 @@ def _volume(bead: Mapping[str, Any]) -> float:
 
 
 def _read(condition: BulkCondition, x: Array, y: Array, distortion: Distortion) -> Array | None:
-    """A curve on the grid of its condition; None where it does not reach over most of it."""
+    """A curve on the grid of its condition, its ends held; None where it does not reach over half of it."""
     at = grid(condition)
     if condition.rig == "hopper":
         return _times(x, y, at, distortion)
@@ -169,7 +170,7 @@ def _read(condition: BulkCondition, x: Array, y: Array, distortion: Distortion) 
     across, up = size * (x + turned * lowered), size * (lowered - turned * x)
     order = np.argsort(across, kind="stable")
     inside = (at >= across.min()) & (at <= across.max())
-    if inside.mean() < 0.8:
+    if inside.mean() < REACH:
         return None
     found = np.interp(at, across[order], up[order])
     if isinstance(experiment.rig, PileSettings):  # a rim hides what lies behind it
