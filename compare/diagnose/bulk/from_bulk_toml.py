@@ -103,7 +103,7 @@ def _numbers(quantities: Sequence[Quantity]) -> dict[str, float]:
         for one in quantities
         if one.quantity == "bed_height" and math.isfinite(one.value) and not one.doubtful
     ]
-    return {"bed_height": heights[0]} if heights else {}
+    return {"bed_height_by_outline": heights[0]} if heights else {}
 
 
 def _opened(measurement: Measurement) -> float:

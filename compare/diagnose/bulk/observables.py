@@ -28,8 +28,8 @@ REACH = 0.5  # share of its grid that a curve covers at least; a steep bed does 
 LEFT = (0.03, 0.92)  # shares that have left, between which the times of a discharge are compared
 COMPONENTS = 3  # of a curve, beside mean and tilt
 LEAST = 0.02  # share of the variance among the curves that a component has at least
-NUMBERS = ("bed_height", "total_mass", "on_base", "stuck")
-UNITS = {"bed_height": "m", "total_mass": "kg", "on_base": "1", "stuck": "1"}
+NUMBERS = ("bed_height", "bed_height_by_outline", "total_mass", "on_base", "stuck")
+UNITS = {"bed_height": "m", "bed_height_by_outline": "m", "total_mass": "kg", "on_base": "1", "stuck": "1"}
 FROM_THE_RIM = 1e-4  # [m], above the rim, from where on a heap is seen
 
 
@@ -132,13 +132,13 @@ def _numbers(
 ) -> dict[str, float]:
     """Single results of a twin; the mass is that of all its particles."""
     experiment = condition.experiment
-    read = (1 + distortion.scale, distortion.bed * experiment.particle.diameter)
     found = dict.fromkeys(NUMBERS, math.nan)
-    if experiment.rig_name == "packing":
-        heights = [one.value for one in quantities_of(result) if one.quantity == "bed_height" and not one.doubtful]
-        found["bed_height"] = heights[0] * read[0] + read[1] if heights else math.nan
-    elif "bed_height_m" in settings:
-        found["bed_height"] = settings["bed_height_m"] * read[0] + read[1]
+    surface = settings.get("bed_height_m", settings.get("surface_height_m"))
+    if surface is not None:
+        found["bed_height"] = surface * (1 + distortion.scale) + distortion.bed * experiment.particle.diameter
+    heights = [one.value for one in quantities_of(result) if one.quantity == "bed_height" and not one.doubtful]
+    if heights:  # read as a film is, by the same function
+        found["bed_height_by_outline"] = heights[0] * (1 + distortion.scale)
     if "fallen" in settings:
         found["on_base"] = float(settings["placed"] - settings["fallen"])
     if experiment.rig_name == "hopper":

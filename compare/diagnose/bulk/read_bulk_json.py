@@ -185,7 +185,7 @@ def read_bulk_lab(path: Path, *, allow_outside: bool = False) -> BulkLab:
         file.parent,
         tuple(conditions),
         Model(materials, particles, contacts),
-        _uncertain(document, conditions, file),
+        _uncertain(document, file),
         _arm(document),
         tuple(dict.fromkeys(left_out)),
     )
@@ -327,13 +327,16 @@ def _arm(document: Mapping[str, Any]) -> float:
     return 0.5 if any(word in said for word in ("r_eff", "effective radius", "reduced radius", "r/2")) else 1.0
 
 
-def _uncertain(document: Mapping[str, Any], conditions: Sequence[BulkCondition], file: Path) -> Uncertain:
+def _uncertain(document: Mapping[str, Any], file: Path) -> Uncertain:
     contact = document.get("contact") or document.get("contacts") or {}
     camera = document.get("camera") or {}
     particles = document.get("particles", {})
     tables = [particles, *(one for one in particles.values() if isinstance(one, dict))]
-    stated = [float(one["diameter_uncertainty_m"]) for one in tables if is_number(one.get("diameter_uncertainty_m"))]
-    smallest = min(one.experiment.particle.diameter for one in conditions)
+    stated = [
+        float(one["diameter_uncertainty_m"]) / float(one["diameter_m"])
+        for one in tables
+        if is_number(one.get("diameter_uncertainty_m")) and is_number(one.get("diameter_m"))
+    ]
 
     def number(table: Mapping[str, Any], key: str, default: float) -> float:
         return number_of(table, key, file, default=default)
@@ -342,7 +345,7 @@ def _uncertain(document: Mapping[str, Any], conditions: Sequence[BulkCondition],
         friction=number(contact, "friction_uncertainty", FRICTION_STD),
         restitution=number(contact, "restitution_uncertainty", RESTITUTION_STD),
         rolling=number(contact, "rolling_friction_uncertainty", 0.0),
-        diameter_rel=max(stated) / smallest if stated else SIZE_STD,
+        diameter_rel=max(stated) if stated else SIZE_STD,
         scale_rel=number(camera, "scale_uncertainty_rel", Uncertain.scale_rel),
         roll=math.radians(number(camera, "roll_uncertainty_deg", math.degrees(Uncertain.roll))),
         clock_rel=number(camera, "frame_rate_uncertainty_rel", Uncertain.clock_rel),

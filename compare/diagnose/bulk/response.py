@@ -219,7 +219,7 @@ def _fitted(
 
 def _agree(name: str) -> float:
     usual = AGREE_SHAPE if name.startswith("component") else AGREE
-    return {"total_mass": AGREE_MASS, "bed_height": AGREE_BED}.get(name, usual)
+    return AGREE_MASS if name == "total_mass" else AGREE_BED if name.startswith("bed_height") else usual
 
 
 def _kept(features: Features, known: Array) -> Features:
