@@ -5,8 +5,10 @@
 A lab states one material and one or two rigs of some 500 to 800 beads, with three repetitions; LIGGGHTS computes them
 with one thing otherwise than stated, or, in each fourth lab, with nothing.  Stated coefficients, scale and camera are a
 little off within their uncertainties, also in labs without an effect.  Labs of one seed state the same material, and
-their twins are kept in one store, as a campaign on one material would.  Finished labs and answers are kept in
-``out/bench-diagnose-bulk``, so that the benchmark continues; delete the folder to begin anew.
+their twins are kept in one store, as a campaign on one material would.  Whether an effect is visible at all is judged
+without rigtwin's twins, by labs that LIGGGHTS makes exactly as stated: an effect that changes no number by more than
+`VISIBLE` standard errors is counted apart.  Finished labs and answers are kept in ``out/bench-diagnose-bulk``, so that
+the benchmark continues; delete the folder to begin anew.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ import numpy as np
 
 from rigtwin.benchmarks.engine.decks import BINARY, run_deck
 from rigtwin.benchmarks.figures import OUT, SMOKE, Row, report, skipped, small
+from rigtwin.compare.diagnose.bulk.observables import features_of, of_record
+from rigtwin.compare.diagnose.bulk.read_bulk_json import read_bulk_lab
 from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
 from rigtwin.compare.twins.imported import imported_twin
 from rigtwin.compare.twins.registry import entry_of
@@ -43,6 +47,7 @@ FOLDER = OUT / TARGET
 REPETITIONS = small(3, 2)
 PIXEL, NOISE = 3e-4, 0.4  # [m], and standard deviation of an edge in pixels
 MODULUS = 1e7  # [Pa]
+VISIBLE = 6.0  # standard errors of the difference of two means of three, which with 4 degrees of freedom has p = 0.004
 BED_READ = 0.25  # [bead diameters], by which this lab reads a bed higher than the mean of its surface
 
 
@@ -329,6 +334,22 @@ def make_lab(folder: Path, case: Case, seed: int) -> None:
     (folder / "truth.json").write_text(json.dumps(truth, indent=1))
 
 
+def visibility(folder: Path, case: Case, seed: int) -> float:
+    """Largest change of a number of a lab by its effect, in standard errors, with LIGGGHTS on both sides."""
+    as_stated = FOLDER / f"stated-{seed}-{case.kind.replace(' ', '-')}"
+    make_lab(as_stated, Case(900 + list(KINDS).index(case.kind), case.kind, "", case.stated, case.stated), seed)
+    most = 0.0
+    labs = [read_bulk_lab(one / "lab") for one in (folder, as_stated)]
+    for condition, stated in zip(*(lab.conditions for lab in labs), strict=True):
+        both = [[of_record(condition, record, mirrored=False) for record in one.records] for one in (condition, stated)]
+        features = features_of(condition, both[0], [*both[0], *both[1]])
+        with_it, without = (np.array([features.of(look) for look in looks]) for looks in both)
+        error = np.sqrt((with_it.var(axis=0, ddof=1) + without.var(axis=0, ddof=1)) / REPETITIONS)
+        change = np.abs(with_it.mean(axis=0) - without.mean(axis=0))
+        most = max(most, float(np.nanmax(np.divide(change, error, out=0 * change, where=error > 0))))
+    return most
+
+
 def answer(folder: Path, case: Case, seed: int) -> dict[str, Any]:
     """The answer to a lab, and whether it is right; read where it was given before."""
     kept = folder / "answer.json"
@@ -345,7 +366,7 @@ def answer(folder: Path, case: Case, seed: int) -> dict[str, Any]:
         "case": case.number, "kind": case.kind, "effect": case.effect, "verdict": said["verdict"], "names": names,
         "set": said["indistinguishable"][0] if said["indistinguishable"] else names,
         "next": said["next_experiment"], "gap": said["gap"], "reason": said["reason"],
-        "seconds": time.perf_counter() - begun, "twins": said["twins"],
+        "seconds": time.perf_counter() - begun, "twins": said["twins"], "visibility": visibility(folder, case, seed),
         "gains": {" + ".join(one["effects"]): round(one["gain"], 1) for one in said["tried"][:8]},
     }  # fmt: skip
     kept.write_text(json.dumps(result, indent=1))
@@ -363,7 +384,9 @@ def is_right(one: Mapping[str, Any], *, alone: bool = False) -> bool:
 
 def in_words(one: Mapping[str, Any]) -> str:
     said = ", ".join(one["set"]) or one["verdict"]
-    return f"{'right' if is_right(one) else 'WRONG'} {one['kind']}: {one['effect'] or 'none'}: {one['verdict']} {said}"
+    how = f", visible by {one['visibility']:.0f} standard errors" if one["effect"] else ""
+    mark = "right" if is_right(one) else "WRONG" if not one["effect"] or one["visibility"] > VISIBLE else "not seen"
+    return f"{mark} {one['kind']}: {one['effect'] or 'none'}{how}: {one['verdict']} {said}"
 
 
 def held_out(found: Sequence[Mapping[str, Any]]) -> list[float]:
@@ -385,7 +408,8 @@ def main() -> int:
     for case in cases(seed, count):
         found.append(answer(FOLDER / f"lab-{seed}-{case.number:02d}", case, seed))
         sys.stderr.write(f"{in_words(found[-1])}; {found[-1]['seconds']:.0f} s\n")
-    real = [one for one in found if one["effect"]]
+    hidden = [one for one in found if one["effect"] and one["visibility"] <= VISIBLE]
+    real = [one for one in found if one["effect"] and one["visibility"] > VISIBLE]
     nulls = [one for one in found if not one["effect"]]
     clearer = [one for one in real if one["kind"] in CLEARER]
     closed = held_out(found)
@@ -404,6 +428,10 @@ def main() -> int:
         ),
         share("labs without an effect that are named", sum(not is_right(one) for one in nulls), len(nulls),
               "at most 5", lambda v: v <= 5),
+        Row(
+            "labs whose effect changes nothing visible", len(hidden),
+            note=f"{sum(one['verdict'] == 'none' for one in hidden)} none, {sum(map(is_right, hidden))} right",
+        ),
         Row(
             "excess gap closed on a held-out condition, median", 100 * float(np.median(closed)), "%", None,
             "at least 80", None if SMOKE else float(np.median(closed)) >= 80, f"{len(closed)} labs",
