@@ -14,6 +14,8 @@ from rigtwin.compare.diagnose.bulk.response import Response
 
 ALARM = 14.0  # deviance that a first effect gains at least: p = 2e-4 for one of some fifteen effects
 SECOND = 14.0  # deviance that a second effect gains at least beside the first
+SHARE = 0.02  # share of the first one's gain that it gains at least: the twins know an effect to about a seventh
+END = 0.999  # coordinate from which on an effect lies at the end of its range
 ALIKE = 6.0  # difference in deviance below which two names explain the measurements equally well
 STATED = 2.0  # deviance that it costs to contradict a stated value
 SURE = 1e-4  # probability of the misfit below which a disagreement remains
@@ -44,6 +46,11 @@ class BulkCandidate:
     @property
     def title(self) -> str:
         return " and ".join(one.title for one in self.effects)
+
+    @property
+    def at_an_end(self) -> bool:
+        """Whether it would need more than the range of an axis that is tried."""
+        return any(abs(u) > END for u in self.point.values())
 
     @property
     def point(self) -> Mapping[Axis, float]:
@@ -137,7 +144,9 @@ def judged(
         why = "the measurements agree with the twin within scatter and stated uncertainties"
         return "none", why, None, ()
     best = singles[0]
-    pairs = [one for one in plausible if len(one.effects) == 2 and one.score - best.score > SECOND]
+    pairs = [
+        one for one in plausible if len(one.effects) == 2 and one.score - best.score > max(SECOND, SHARE * best.gain)
+    ]
     if pairs:
         best = pairs[0]
     share = closed(base, best.fitted, responses)
@@ -145,7 +154,7 @@ def judged(
         why = f"{best.title} would close only {100 * share:.0f} % of the gap and leave a disagreement"
         return "unlisted", why, None, ()
     same = [one for one in plausible if len(one.effects) == len(best.effects) and one is not best]
-    alike = tuple(one for one in same if best.score - one.score < ALIKE)
+    alike = tuple(one for one in same if best.score - one.score < ALIKE and (best.at_an_end or not one.at_an_end))
     if alike:
         others = "; ".join(one.title for one in alike)
         return "indistinguishable", f"{best.title} explains the measurements; equally well: {others}", best, alike
