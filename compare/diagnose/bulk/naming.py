@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 from rigtwin.compare.diagnose.bulk.axes import Axis
@@ -49,8 +49,8 @@ class BulkCandidate:
 
     @property
     def at_an_end(self) -> bool:
-        """Whether it would need more than the range of an axis that is tried."""
-        return any(abs(u) > END for u in self.point.values())
+        """Whether an effect would need more than the range that is tried."""
+        return any(abs(self.fitted.coordinate(one.axis)) > END for one in self.effects)
 
     @property
     def point(self) -> Mapping[Axis, float]:
@@ -145,7 +145,11 @@ def judged(
         return "none", why, None, ()
     best = singles[0]
     pairs = [
-        one for one in plausible if len(one.effects) == 2 and one.score - best.score > max(SECOND, SHARE * best.gain)
+        one
+        for one in plausible
+        if len(one.effects) == 2
+        and one.score - best.score > max(SECOND, SHARE * best.gain)
+        and not replace(one, effects=tuple(each for each in one.effects if each not in best.effects)).at_an_end
     ]
     if pairs:
         best = pairs[0]

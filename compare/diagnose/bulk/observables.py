@@ -24,6 +24,9 @@ from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, Pile
 POINTS = 61  # of the grid of a curve
 ACROSS = {"pile": 0.97, "packing": 0.85, "drum": 0.65}
 """Share of the half width of a rig over which its outline is compared; further out it is that of single beads."""
+# [bead diameters], by which a bed is usually read above the mean of its surface; the mean of the highest points of cells
+# as wide as a bead lies 0.4 above it, the outline seen from a side 0.9
+ABOVE_SURFACE = 0.3
 REACH = 0.5  # share of its grid that a curve covers at least; a steep bed does not reach across a drum
 LEFT = (0.03, 0.92)  # shares that have left, between which the times of a discharge are compared
 COMPONENTS = 3  # of a curve, beside mean and tilt
@@ -58,7 +61,7 @@ class Distortion:
     lowered : float
         Part of a bead's radius by which a surface is read too low, 1: through the centres.
     bed : float
-        Difference [bead diameters] in how the height of a bed is read.
+        Bead diameters by which the height of a bed is read higher than usual.
     """
 
     roll: float = 0.0
@@ -135,7 +138,8 @@ def _numbers(
     found = dict.fromkeys(NUMBERS, math.nan)
     surface = settings.get("bed_height_m", settings.get("surface_height_m"))
     if surface is not None:
-        found["bed_height"] = surface * (1 + distortion.scale) + distortion.bed * experiment.particle.diameter
+        above = (ABOVE_SURFACE + distortion.bed) * experiment.particle.diameter
+        found["bed_height"] = surface * (1 + distortion.scale) + above
     heights = [one.value for one in quantities_of(result) if one.quantity == "bed_height" and not one.doubtful]
     if heights:  # read as a film is, by the same function
         found["bed_height_by_outline"] = heights[0] * (1 + distortion.scale)
