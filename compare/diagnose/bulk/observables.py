@@ -24,8 +24,8 @@ from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, Pile
 POINTS = 61  # of the grid of a curve
 ACROSS = {"pile": 0.97, "packing": 0.85, "drum": 0.65}
 """Share of the half width of a rig over which its outline is compared; further out it is that of single beads."""
-# [bead diameters], by which a bed is usually read above the mean of its surface; the mean of the highest points of cells
-# as wide as a bead lies 0.4 above it, the outline seen from a side 0.9
+# [bead diameters], by which a bed is usually read above its mean surface; the mean of the highest points in cells
+# as wide as a bead lies 0.4 above it, the outline from a side 0.9
 ABOVE_SURFACE = 0.3
 REACH = 0.5  # share of its grid that a curve covers at least; a steep bed does not reach across a drum
 LEFT = (0.03, 0.92)  # shares that have left, between which the times of a discharge are compared

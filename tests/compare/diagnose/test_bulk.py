@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from rigtwin.compare.diagnose.bulk import further_experiment, twin_design
 from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.model_file import read_model
+from rigtwin.lab.quantity import Quantity
 
 PARTICLES = {
     "diameter_m": 0.006, "diameter_uncertainty_m": 5e-5, "density_kg_m3": 1768.0, "youngs_modulus_Pa": 1e7,
@@ -69,6 +71,7 @@ def twin(settings: dict) -> dict:
     if settings["rig"] == "packing":
         height = 0.06 * loose * (bead["diameter"] / 0.006) ** 3 * random.normal(1, 0.004)
         found["settings"]["surface_height_m"] = height
+        found["quantities"] = [asdict(Quantity("bed_height", height, 1e-4, "m", "mean surface"))]
         return found
     tall, bend, stay = pile_law(
         rig["base_diameter"], like["static_friction"], like["rolling_friction"], (rig["lift_speed"] or 0.15) / 0.15
