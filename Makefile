@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-decks bench-calibrate bench-search bench-campaign bench-sweep faults fuzz clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -71,6 +71,10 @@ bench-diagnose: $(READY)
 # SEED=7 COUNT=40 make bench-diagnose-independent: labs whose physics shares no code with the models of the diagnosis
 bench-diagnose-independent: $(READY)
 	$(BIN)/python benchmarks/diagnose/independent.py $(if $(COUNT),--count $(COUNT))
+
+# SEED=7 COUNT=8 make bench-diagnose-bulk: labs of piles, packings, drums and hoppers made by LIGGGHTS; goes on
+bench-diagnose-bulk: $(READY)
+	$(BIN)/python benchmarks/diagnose/bulk.py
 
 # decks of four rigs run by LIGGGHTS, LAMMPS and Yade, where they are installed; about ten minutes
 bench-decks: $(READY)

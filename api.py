@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rigtwin.commands.run_command import Work
     from rigtwin.compare.campaign.calibration import Calibration
     from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.twins.twin import Twin
     from rigtwin.lab.file.lab_file import Lab
@@ -294,7 +295,7 @@ class OpenLab:
         only: str | Sequence[str] = (),
         progress: Progress | None = None,
         **settings: Setting,
-    ) -> Diagnosis:
+    ) -> Diagnosis | BulkDiagnosis:
         """Find where twin and measurement disagree, and which effect the model lacks.
 
         Parameters
@@ -326,7 +327,7 @@ class OpenLab:
             {"lab": self.folder},
             {"out": out, "only": only, "allow_outside": self.allow_outside, **settings},
         )
-        diagnosis: Diagnosis
+        diagnosis: Diagnosis | BulkDiagnosis
         diagnosis, _files = _run(work, progress=progress or silent)
         return diagnosis
 

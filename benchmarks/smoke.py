@@ -54,6 +54,7 @@ SCRIPTS = (
     Script("real-tracks", 4, "diagnose/real_tracks.py"),
     Script("bench-diagnose", 20, "diagnose/verdicts.py"),
     Script("bench-diagnose-independent", 17, "diagnose/independent.py"),
+    Script("bench-diagnose-bulk", 6, "diagnose/bulk.py"),
     Script("bench-ground", 9, "measure/background_bias.py"),
     Script("reproduction-page", 2, "reproduce/docs_page.py"),
     Script("fuzz", 6, "fuzz.py"),

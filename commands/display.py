@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from rigtwin.compare.campaign.store import Kept
     from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.reproduce.reproduce import Reproduction
     from rigtwin.compare.twins.twin import Twin
@@ -362,7 +363,7 @@ def _tell_studies(console: Console, reproduction: Reproduction) -> None:
         console.print(table)
 
 
-def show_diagnosis(found: tuple[Diagnosis, Mapping[str, Path]], as_json: bool, quiet: bool) -> None:
+def show_diagnosis(found: tuple[Diagnosis | BulkDiagnosis, Mapping[str, Path]], as_json: bool, quiet: bool) -> None:
     """The verdict, where and what, and the gap before and after."""
     diagnosis, files = found
     if as_json:
@@ -371,7 +372,7 @@ def show_diagnosis(found: tuple[Diagnosis, Mapping[str, Path]], as_json: bool, q
         _tell_diagnosis(_console(), diagnosis, files)
 
 
-def _tell_diagnosis(console: Console, diagnosis: Diagnosis, files: Mapping[str, Path]) -> None:
+def _tell_diagnosis(console: Console, diagnosis: Diagnosis | BulkDiagnosis, files: Mapping[str, Path]) -> None:
     from rigtwin.compare.diagnose.fitting.strained import in_words
     from rigtwin.lab.formatting import unit_of
 

@@ -109,18 +109,29 @@ def diagnose(
         list[Path] | None,
         typer.Option("--effect", metavar="FILE", help="Your own effect, one Python file; may be given again."),
     ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option("--store", metavar="FOLDER", help="Where twins of many particles are kept; OUT/runs by default."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Twins of many particles at a time; one per core.")
+    ] = None,
+    cluster: Cluster = None,
+    seed: Seed = 1,
     allow_outside: Outside = False,
     out: Out = None,
 ) -> Work:
     """Find where twin and measurement disagree, and what is missing.
 
-    The missing effect is named, added to the model, and the gap before and after is shown.
+    The missing effect is named, added to the model, and the gap before and after is shown. Labs with piles, packings,
+    drums and hoppers need up to 40 twins of each condition; called again, only missing ones are run.
     """
     from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
 
     return partial(
-        diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or (), allow_outside=allow_outside
-    )
+        diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or (), allow_outside=allow_outside,
+        store=store, workers=workers, cluster=cluster, seed=seed,
+    )  # fmt: skip
 
 
 def _beside(lab: Path, out: Path | None) -> Path:

@@ -61,9 +61,12 @@ class Particle:
     diameter: float  # [m], of the sphere; of a clump that of the sphere about its centre of mass that holds it
     density: float | None = None  # [kg/m^3], over the volume of a clump's union
     shape: Clump | None = None  # None: a sphere
+    smallest: float | None = None  # [m], spheres of all diameters from here to `diameter` alike often; None: all alike
 
     def __post_init__(self) -> None:
         _positive(self.name, diameter=self.diameter)
+        if self.smallest is not None and not (self.shape is None and 0 < self.smallest <= self.diameter):
+            raise BadInput(f"{self.name}: the smallest diameter must lie between 0 and that of a sphere.")
         if self.shape is not None and not math.isclose(self.diameter, 2 * self.shape.reach, rel_tol=1e-9):
             raise BadInput(f"{self.name}: the diameter of a clump follows from its shape; make it with clumped().")
         if self.density is not None:
@@ -119,6 +122,7 @@ class Particle:
         return (
             math.pi
             * min(self.radii)
+            * (1.0 if self.smallest is None else self.smallest / self.diameter)
             / (0.163 * nu + 0.8766)
             * math.sqrt(self.effective_density / self.material.shear_modulus)
         )

@@ -102,6 +102,7 @@ class Drum:
     speed: float  # [rad/s]
     depth: float | None = None  # [m], between the end walls; None: half the diameter
     fill: float | None = None  # [1], part of the drum's volume that the bed takes; None: 0.35
+    end_wall_friction: float | None = None  # [1], static friction of the end walls; None: that of the shell
 
 
 @dataclass(frozen=True)
@@ -237,6 +238,7 @@ class PackingSettings(_Settings):
     count: int | None = None  # how many particles there are
     hopper_diameter: float | None = None  # [m], of the hopper above the cylinder
     outlet_diameter: float | None = None  # [m], of that hopper's slide, or of the funnel
+    fall_height: float | None = None  # [m], from the outlet to the cylinder's rim
 
     name: ClassVar[RigName] = "packing"
     title: ClassVar[str] = "Packed cylinder"
@@ -244,9 +246,10 @@ class PackingSettings(_Settings):
 
     def rig(self) -> Packing:
         """The rig of the twin."""
-        return Packing(
+        usual = Packing(
             self.cylinder_diameter, outlet_diameter=self.outlet_diameter, hopper_diameter=self.hopper_diameter
         )
+        return usual if self.fall_height is None else replace(usual, fall_height=self.fall_height)
 
 
 @dataclass(frozen=True)
@@ -258,13 +261,14 @@ class DrumSettings(_Settings):
     depth: float | None = None  # [m], inner length along the axis
     fill: float | None = None  # [1], share of the drum's volume that the bed takes
     count: int | None = None  # how many particles there are
+    end_wall_friction: float | None = None  # [1], static friction of the end walls, where it is not that of the shell
 
     name: ClassVar[RigName] = "drum"
     title: ClassVar[str] = "Rotating drum"
 
     def rig(self) -> Drum:
         """The rig of the twin."""
-        return Drum(self.drum_diameter, self.speed, self.depth, self.fill)
+        return Drum(self.drum_diameter, self.speed, self.depth, self.fill, self.end_wall_friction)
 
 
 @dataclass(frozen=True)
@@ -275,6 +279,8 @@ class HopperSettings(_Settings):
     bin_width: float | None = None  # [m], inner width, or diameter, of the bin
     depth: float | None = None  # [m], of a slot hopper, along the line of sight
     outlet: float | None = None  # [m], width of the slot or diameter of the outlet
+    cone_height: float | None = None  # [m], of a conical hopper; hardly any: a flat floor
+    inclination: float | None = None  # [rad], of a slot hopper's walls from the level
     total_mass: float | None = None  # [kg], of all particles
     count: int | None = None  # how many particles there are
 
@@ -285,9 +291,13 @@ class HopperSettings(_Settings):
         """The rig of the twin."""
         outlet = _stated("outlet", self.outlet, None)
         if self.variant == "slot":
-            return Hopper(outlet, "slot", width=self.bin_width, slot_length=self.depth)
+            slot = Hopper(outlet, "slot", width=self.bin_width, slot_length=self.depth)
+            return slot if self.inclination is None else replace(slot, inclination=self.inclination)
         usual = Hopper(outlet)
-        return usual if self.bin_width is None else replace(usual, diameter=self.bin_width)
+        wide = usual.diameter if self.bin_width is None else self.bin_width
+        return replace(
+            usual, diameter=wide, cone_height=usual.cone_height if self.cone_height is None else self.cone_height
+        )
 
 
 RigSettings = (

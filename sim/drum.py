@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
+END_WALLS = (1, 2)  # numbers of the walls in `shapes`
 DEPTH = 0.5  # depth over diameter, where the rig does not state it
 FULLEST = 0.9  # largest fill (share of the volume); a fuller bed cannot turn over
 STEADY_AFTER = 0.25  # turns until the slope counts as steady
@@ -135,7 +136,8 @@ def run(
             f"speed: the drum's wall would move at {passes:.3g} m/s, but the time step allows at most "
             f"{bench.fastest:.3g} m/s; turn it more slowly."
         )
-    bulk = bench.bulk(shapes(rig, depth), domain(rig, depth, particle), open_domain=False)
+    ends = dict.fromkeys(END_WALLS, rig.end_wall_friction)
+    bulk = bench.bulk(shapes(rig, depth), domain(rig, depth, particle), open_domain=False, static_friction=ends)
     course = _Course(random=np.random.default_rng(seed))
     asked = {"count": count, "turns": turns, "interval": interval, "fill_limit": fill_limit}
     with bench.logbook(bulk, seed=seed, **asked) as logbook:
@@ -162,7 +164,8 @@ def run(
             "depth": f"{depth * 1e3:.3g} mm ({as_given(rig.depth)})",
             "fill": f"{count} beads, {_share(count, rig, depth, particle):.1%} of the volume at a packing of "
             f"{PACKING:g} ({fill_from})",
-            "end_walls": "of the drum's material, turning with it",
+            "end_walls": "of the drum's material, turning with it"
+            + ("" if rig.end_wall_friction is None else f", static friction {rig.end_wall_friction:g}"),
             "filling": f"placed on a loose lattice and let fall, {course.let_go:.2f} s until the bed rested",
             "start": "at full speed at once",
             **bench.assumptions(),

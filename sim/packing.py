@@ -16,7 +16,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import Packing
 from rigtwin.sim.engine.time_step import positive
-from rigtwin.sim.output.outline import VIEWS, silhouette
+from rigtwin.sim.output.outline import VIEWS, silhouette, surface
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History
 from rigtwin.sim.run.set_up import Bench, Numerics
@@ -34,7 +34,6 @@ LEAST_RATE = 200.0  # [1/s], smallest default pour rate, to keep the run short
 CONE = math.radians(60)  # [rad], inclination of the hopper's walls from the horizontal
 SLIDE = 2  # number of the wall that closes the hopper
 FLOWING = 0.5  # [s] without a particle leaving, after which the hopper counts as blocked or empty
-SURFACE_POINTS = 100  # across the cylinder
 
 
 @dataclass(frozen=True)
@@ -266,24 +265,6 @@ class Hopper:
 
     def _above(self, bulk: Bulk) -> int:
         return int((bulk.grains().position[:, 2] > self.outlet.height).sum())
-
-
-def surface(centres: Array, radii: Array, diameter: float) -> Array:
-    """Height [m] of the uppermost sphere over points spread evenly over a round base; 0 without a sphere."""
-    x = (np.arange(SURFACE_POINTS) + 0.5) / SURFACE_POINTS * diameter - diameter / 2
-    points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
-    points = points[np.hypot(*points.T) < diameter / 2]
-    height = np.zeros(len(points))
-    pitch = diameter / SURFACE_POINTS
-    for part in np.array_split(np.arange(len(points)), max(1, len(points) * len(centres) // 4_000_000)):
-        low = points[part].min(axis=0) - radii.max(initial=0.0) - pitch
-        high = points[part].max(axis=0) + radii.max(initial=0.0) + pitch
-        near = ((centres[:, :2] > low) & (centres[:, :2] < high)).all(axis=1)
-        place, radius = centres[near], radii[near]
-        over = radius**2 - ((points[part, None] - place[:, :2]) ** 2).sum(axis=2)
-        top = np.where(over >= 0, place[:, 2] + np.sqrt(np.maximum(over, 0.0)), 0.0)
-        height[part] = top.max(axis=1, initial=0.0)
-    return height
 
 
 def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -> npt.NDArray[np.uint8]:

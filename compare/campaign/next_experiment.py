@@ -79,7 +79,7 @@ def next_experiments(search: Search, found: State, campaign: Campaign, progress:
     for one in candidates(search.fitted):
         sets = [[done.results.get(runs[one.id, k, j].name) for j in range(SEEDS)] for k in range(2)]
         if all(result is not None for results in sets for result in results):
-            rows += sorted(_rows(one, sets), key=lambda row: -row["apart"])[:1]
+            rows += sorted(separations(one, sets), key=lambda row: -row["apart"])[:1]
     return sorted(rows, key=lambda row: -row["apart"])
 
 
@@ -97,7 +97,8 @@ def _ends(samples: Array, density: Array) -> list[Array]:
     return [samples[group[int(np.argmax(density[group]))]] for group in (order[:number], order[-number:])]
 
 
-def _rows(experiment: Experiment, sets: list[list[Result | None]]) -> Iterator[dict[str, Any]]:
+def separations(experiment: Experiment, sets: list[list[Result | None]]) -> Iterator[dict[str, Any]]:
+    """For each quantity how far two sets of results are apart, in standard uncertainties of a further experiment."""
     tables: list[list[Mapping[Any, float]]] = [
         [
             {

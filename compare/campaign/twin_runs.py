@@ -74,7 +74,7 @@ def twin_run(
     settings: dict[str, Any] = {
         "rig": experiment.rig_name,
         "rig_settings": asdict(experiment.rig),
-        "particle": asdict(experiment.particle),
+        "particle": _plain(experiment.particle),
         "wall": None if experiment.wall is None else asdict(experiment.wall),
         "contacts": contacts,
         "effects": {effect: dict(values) for effect, values in model.effects.items()},
@@ -84,6 +84,11 @@ def twin_run(
     else:
         settings["frame_rate"] = experiment.camera.frame_rate or FRAME_RATE
     return Run(name, FUNCTION, settings, cost)
+
+
+def _plain(particle: Particle) -> dict[str, Any]:
+    """The particle as plain data; a single size is left out, as in runs that were kept before there were others."""
+    return {name: value for name, value in asdict(particle).items() if name != "smallest" or value is not None}
 
 
 def simulate(

@@ -6,6 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rigtwin.compare import result_files
+from rigtwin.compare.diagnose.bulk.bulk_lab import BulkLab
+from rigtwin.compare.diagnose.bulk.bulk_page import bulk_page
+from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, diagnose_bulk, not_in_the_model
+from rigtwin.compare.diagnose.bulk.from_bulk_toml import bulk_lab_of
+from rigtwin.compare.diagnose.bulk.read_bulk_json import is_bulk, read_bulk_lab
 from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
 from rigtwin.compare.diagnose.data.read_lab_json import read_tracked_lab
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
@@ -31,8 +36,12 @@ def diagnose_folder(
     own: Sequence[Path] = (),
     only: Sequence[str] = (),
     allow_outside: bool = False,
+    store: Path | None = None,
+    seed: int = 1,
+    workers: int | None = None,
+    cluster: str | None = None,
     progress: Progress = silent,
-) -> tuple[Diagnosis, dict[str, Path]]:
+) -> tuple[Diagnosis | BulkDiagnosis, dict[str, Path]]:
     """Diagnose the lab in a folder and write the result.
 
     Parameters
@@ -47,12 +56,20 @@ def diagnose_folder(
         Experiments of a lab.toml to diagnose; empty for all.  Not allowed with a lab.json.
     allow_outside : bool
         Whether the lab may name files outside its folder.
+    store : Path, optional
+        Folder that keeps the twins of a lab with many particles; ``out/runs`` by default.
+    seed : int
+        First seed of such twins.
+    workers : int, optional
+        Number of processes for such twins; one for each core by default.
+    cluster : str, optional
+        A cluster for such twins, as in `rigtwin.compare.campaign.runners.runner`.
     progress : Progress
         Called with step, number and count.
 
     Returns
     -------
-    diagnosis : Diagnosis
+    diagnosis : Diagnosis or BulkDiagnosis
         Verdict, effects, gap and next experiment.
     files : dict of str to Path
         Written files by name.
@@ -62,10 +79,14 @@ def diagnose_folder(
     BadInput
         If the lab cannot be read or fitted, or `only` is given with a lab.json.
     """
-    effects = [own_effect(path) for path in own]
     notebook = folder.suffix == ".toml" or ((folder / "lab.toml").is_file() and not (folder / "lab.json").is_file())
     if only and not notebook:
         raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
+    if (bulk := _bulk_lab(folder, notebook, only, allow_outside, out, workers, progress)) is not None:
+        if own:
+            raise BadInput(f"{own[0]}: an effect of your own is tried in labs of single bodies only; leave it out.")
+        return _diagnose_bulk(bulk, out, store or out / "runs", seed, workers, cluster, progress)
+    effects = [own_effect(path) for path in own]
     lab = (
         tracked_lab(folder, only, progress, allow_outside=allow_outside)
         if notebook
@@ -83,6 +104,30 @@ def diagnose_folder(
             **{f"diagnosis-{name}.csv": one.csv for name, one in drawn.items() if one.csv},
         }
         return diagnosis, result_files.write_together(out, contents)
+
+
+def _bulk_lab(
+    folder: Path, notebook: bool, only: Sequence[str], allow_outside: bool, out: Path, workers: int | None,
+    progress: Progress,
+) -> BulkLab | None:  # fmt: skip
+    """The lab where its rigs hold many particles."""
+    if notebook:
+        return bulk_lab_of(folder, only, out, progress, allow_outside=allow_outside, workers=workers)
+    return read_bulk_lab(folder, allow_outside=allow_outside) if is_bulk(folder) else None
+
+
+def _diagnose_bulk(
+    lab: BulkLab, out: Path, store: Path, seed: int, workers: int | None, cluster: str | None, progress: Progress
+) -> tuple[BulkDiagnosis, dict[str, Path]]:
+    with result_files.claimed(out):
+        found = diagnose_bulk(lab, store, progress, seed=seed, workers=workers, cluster=cluster)
+        remarks = [f"left out: {reason}" for reason in not_in_the_model(found)]
+        contents = {
+            "diagnosis.json": result_files.document(found.to_json()),
+            "diagnosis.html": bulk_page(found),
+            "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(found.model),
+        }
+        return found, result_files.write_together(out, contents)
 
 
 def model_of(diagnosis: Diagnosis) -> Model:

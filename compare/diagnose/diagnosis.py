@@ -17,7 +17,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.data.axis_checks import check_axes, check_heights
 from rigtwin.compare.diagnose.data.exclusions import sifted
-from rigtwin.compare.diagnose.data.tracked_lab import BULK, TrackedLab, need_repetitions
+from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab, need_repetitions
 from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
@@ -161,14 +161,6 @@ def diagnose(
         If the tracks contradict the stated setup, there are too few repetitions, or the model cannot be fitted.
     """
     begun = time.process_time()
-    if lab.rig in BULK:
-        return Diagnosis(
-            lab,
-            "undecided",
-            f"a {lab.rig} needs many full simulations; its profiles and counts alone cannot separate "
-            "rolling resistance, static friction and cohesion, so no effect is named",
-            next_experiment="the same material on a drop, a pendulum and an incline, which measure one parameter each",
-        )
     check_axes(lab)
     asked = lab.repetitions
     lab, left_out = sifted(lab)

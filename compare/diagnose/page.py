@@ -10,7 +10,8 @@ from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
 from rigtwin.compare.diagnose.figures import Drawn, figures
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
-from rigtwin.compare.diagnose.selection.gap import closed
+from rigtwin.compare.diagnose.selection.gap import Gap, closed
+from rigtwin.compare.diagnose.selection.name_effects import ALARM
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.lab.formatting import unit_of
 
@@ -35,7 +36,7 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, Drawn] | None = None) -> str:
         regions=diagnosis.where[:12],
         candidates=[_candidate_row(diagnosis.lab, one) for one in _leading(diagnosis)],
         added=_added(diagnosis),
-        gaps=_gaps(diagnosis),
+        gaps=gap_rows(diagnosis.gap),
         gap_noise=diagnosis.gap.noise if diagnosis.gap else "",
         calibration=sorted(document["calibration"], key=lambda row: -abs(row["pull"] or 0.0)),
         strained=strained.in_words(document["strained"]),
@@ -44,6 +45,7 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, Drawn] | None = None) -> str:
         further=plots[1:-1],
         overview=plots[1:][-1:],
         tried=len(naming.tried) if naming is not None else 0,
+        first_gain=f"{ALARM:g}",
         seconds=diagnosis.seconds,
     )
 
@@ -64,7 +66,7 @@ def _candidate_row(lab: TrackedLab, candidate: Any) -> dict[str, str]:
         "names": " + ".join(term.title for term in candidate.terms),
         "kind": ", ".join(dict.fromkeys(term.kind for term in candidate.terms)),
         "gain": f"{candidate.gain:.1f}",
-        "parameters": _in_words(found),
+        "parameters": parameters_in_words(found),
         "refused": candidate.reason,
     }
 
@@ -87,11 +89,13 @@ def _added(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 def _candidate_row_of(diagnosis: Diagnosis, term: Any) -> str:
     assert diagnosis.chosen is not None
-    return _in_words(parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,)))
+    return parameters_in_words(parameters(diagnosis.lab, diagnosis.chosen.fitted, (term,)))
 
 
-def _in_words(found: dict[str, dict[str, Any]]) -> str:
-    def one(name: str, about: dict[str, Any]) -> str:
+def parameters_in_words(found: Mapping[str, Mapping[str, Any]]) -> str:
+    """Coefficients with their standard uncertainties."""
+
+    def one(name: str, about: Mapping[str, Any]) -> str:
         each = ", ".join(f"{value:.4g} for {pair}" for pair, value in about.get("by_pair", {}).items())
         value = f"{about['value']:.4g} ± {about['std']:.2g}{unit_of(about['unit'])}"
         return f"{name} = {value}{f' (mean of {each})' if each else ''}"
@@ -99,8 +103,8 @@ def _in_words(found: dict[str, dict[str, Any]]) -> str:
     return "; ".join(one(name, about) for name, about in found.items())
 
 
-def _gaps(diagnosis: Diagnosis) -> list[dict[str, str]]:
-    gap = diagnosis.gap
+def gap_rows(gap: Gap | None) -> list[dict[str, str]]:
+    """The gap on all data and on data held out, as the page shows it."""
     if gap is None:
         return []
     rows = [

@@ -122,6 +122,7 @@ def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
         above = _above_rim(rig, heap, cast.particle.diameter)
         evaluation = replace(evaluation, quantities=(*evaluation.quantities, *above))
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
+    course |= stated(bed_height_m=heap.bed_height)
     shown = heap.profiles, (), lambda: pile.picture(rig, heap)
     return bulk_twin("pile", rig, cast, heap, evaluation, computed, course, *shown)
 

@@ -466,6 +466,7 @@ class PackingEntry(_ExperimentEntry):
     cylinder_diameter: Length = Field(examples=["65 mm"])
     hopper_diameter: Length | None = None
     outlet_diameter: Length | None = None
+    fall_height: Length | None = None
     total_mass: Mass | None = None
     count: Count | None = None
 
@@ -478,6 +479,7 @@ class DrumEntry(_ExperimentEntry):
     depth: Length | None = None
     fill: Fraction | None = None
     count: Count | None = None
+    end_wall_friction: Friction | None = None
 
 
 class HopperEntry(_ExperimentEntry):
@@ -487,6 +489,8 @@ class HopperEntry(_ExperimentEntry):
     bin_width: Length | None = None
     depth: Length | None = None
     outlet: Length | None = None
+    cone_height: Length | None = None
+    inclination: Release | None = None
     total_mass: Mass | None = None
     count: Count | None = None
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.decks.deck import END, RECORD, Deck
-from rigtwin.sim.decks.scene import Drain, Open, Pour, Settle, Turn
+from rigtwin.sim.decks.scene import Drain, Lift, Open, Pour, Settle, Turn
 from rigtwin.sim.run.filling import LOOK
 
 COLUMNS = "id x y z vx vy vz"
@@ -54,15 +54,29 @@ def poured(deck: Deck) -> str:
     return "\n".join(lines) + "\n"
 
 
-def stages(deck: Deck, name: str, opened: Callable[[str], str], turned: Callable[[float], str]) -> str:
+def stages(
+    deck: Deck,
+    name: str,
+    opened: Callable[[str], str],
+    turned: Callable[[float], str],
+    lifted: Callable[[str, float], str] | None = None,
+) -> str:
     """Commands of all stages for the input file `name`.
 
-    `opened` gives the commands that remove a wall, `turned` those that turn all walls at a speed [rad/s].
+    `opened` gives the commands that remove a wall, `turned` those that turn all walls at a speed [rad/s], `lifted`
+    those that lift a wall at a speed [m/s]
+    in a code that can.
     """
-    return "".join(_stages(deck, name, opened, turned))
+    return "".join(_stages(deck, name, opened, turned, lifted))
 
 
-def _stages(deck: Deck, name: str, opened: Callable[[str], str], turned: Callable[[float], str]) -> Iterator[str]:
+def _stages(
+    deck: Deck,
+    name: str,
+    opened: Callable[[str], str],
+    turned: Callable[[float], str],
+    lifted: Callable[[str, float], str] | None,
+) -> Iterator[str]:
     dump = f"write_dump all custom {RECORD} {COLUMNS} modify sort id append yes\n"
     for number, stage in enumerate(deck.scene.stages):
         done = f"done{number}"
@@ -77,6 +91,10 @@ def _stages(deck: Deck, name: str, opened: Callable[[str], str], turned: Callabl
             yield _loop(
                 name, number, stage.limit / LOOK, f"run {deck.steps(LOOK)}\n", f"if {rest} then {_to(name, done)}"
             )
+        elif isinstance(stage, Lift):
+            assert lifted is not None  # `Deck` refuses it for other codes
+            lift = lifted(stage.wall, stage.speed)
+            yield f"\n# {stage.wall}: lifted\nrun 0\n{dump}{lift}run {deck.steps(stage.height / stage.speed)}\n"
         elif isinstance(stage, Turn):
             yield f"\n# the walls turn\n{turned(stage.spin)}run 0\n{dump}"
             yield _loop(name, number, stage.duration / stage.interval, f"run {deck.steps(stage.interval)}\n{dump}")

@@ -58,6 +58,11 @@ class Deck:
             raise BadInput(f"code: {self.code!r} is unknown; use {', '.join(map(repr, CODES))}.")
         if self.particle.shape is not None:
             raise BadInput(f"{self.particle.name}: is a clump of spheres; decks are written for single spheres only.")
+        if isinstance(self.rig, Pile) and self.rig.variant == "pouring" and self.code != "liggghts":
+            raise BadInput(
+                f"method: a deck for {TITLES[self.code]} holds no tube that is lifted; export a pile by piling or "
+                "emptying, or for LIGGGHTS."
+            )
         positive(stiffness_factor=self.stiffness_factor)
         if self.stiffness_factor > 1:
             raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} is above 1; give at most 1.")

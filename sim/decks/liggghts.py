@@ -12,6 +12,7 @@ from rigtwin.sim.decks import commands
 from rigtwin.sim.decks.card import DIFFERS, ROLLING, SOFT, Export, export
 from rigtwin.sim.decks.card import HARD as STIFFEST
 from rigtwin.sim.decks.deck import END, RECORD, Deck, triangles
+from rigtwin.sim.decks.scene import Lift
 
 NAME = "in.liggghts"
 COMMAND = f"liggghts -in {NAME}"
@@ -20,7 +21,7 @@ COMMAND = f"liggghts -in {NAME}"
 def differences(deck: Deck) -> tuple[str, ...]:
     """Remaining differences from rigtwin's own twin."""
     found = [DIFFERS[ROLLING[deck.rolling]], "round walls are polygons of equal area"]
-    if any(name in deck.scene.walls for name in ("lid", "slide")):
+    if any(name in deck.scene.walls for name in ("lid", "slide", "tube")):
         found.append("contacts with walls lose their history when a wall is removed")
     return tuple(found)
 
@@ -59,7 +60,12 @@ def _input(deck: Deck) -> str:
 
     def opened(wall: str) -> str:
         left = [name for name in scene.walls if name != wall]
-        return f"unfix walls\nunfix {wall}\n{_walls(deck, left)}"
+        moves = any(isinstance(one, Lift) and one.wall == wall for one in scene.stages)
+        still = f"unfix lift_{wall}\n" if moves else ""
+        return f"{still}unfix walls\nunfix {wall}\n{_walls(deck, left)}"
+
+    def lifted(wall: str, speed: float) -> str:
+        return f"fix lift_{wall} all move/mesh mesh {wall} linear 0. 0. {speed:.10g}\n"
 
     def turned(spin: float) -> str:
         sense = math.copysign(1.0, spin)
@@ -81,7 +87,7 @@ def _input(deck: Deck) -> str:
         f"include contacts.in\nfix weight all gravity {GRAVITY} vector 0 0 -1\n"
         f"{meshes}{_walls(deck, list(scene.walls))}"
         f"fix move all nve/sphere\n{commands.OBSERVED}"
-        f"{commands.stages(deck, NAME, opened, turned)}"
+        f"{commands.stages(deck, NAME, opened, turned, lifted)}"
     )
 
 

@@ -78,7 +78,8 @@ def record_of(folder: Path, deck: Deck) -> Any:
         return packing.replayed(rig, bead, last, asked=count, pour_rate=options.get("pour_rate"))
     if isinstance(rig, Pile):
         rate = options.get("pour_rate")
-        return pile.replayed(rig, bead, last, asked=count, in_time=True, pour_rate=rate)
+        filled = frames(folder / RECORD, deck.time_step)[0] if rig.variant == "pouring" else None
+        return pile.replayed(rig, bead, last, asked=count, in_time=True, pour_rate=rate, filled=filled)
     over_time = frames(folder / RECORD, deck.time_step) if (folder / RECORD).is_file() else []
     if len(over_time) < 2:
         raise BadInput(f"{folder}: there is no {RECORD} with several frames; run there: {deck.command}")

@@ -19,12 +19,14 @@ from rigtwin.sim.engine.walls.shapes import Shape
 from rigtwin.sim.pile import pile
 from rigtwin.sim.pile.emptying import Emptying
 from rigtwin.sim.pile.piling import Piling
+from rigtwin.sim.pile.pouring import Pouring
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.filling import AT_REST, LOOK, SETTLED, Stillness
 
 BulkRig = Packing | Pile | Drum | Hopper
 
 STEEPEST_HEAP = math.radians(35)  # of an expected heap, which a funnel that stands must stay above
+LOOSEST = 0.45  # part of a bed's volume that is beads, less than in any poured bed
 NOTHING = np.zeros((0, 3))
 
 
@@ -52,6 +54,15 @@ class Open:
 
 
 @dataclass(frozen=True)
+class Lift:
+    """Record the beads, and lift a wall at constant speed."""
+
+    wall: str
+    speed: float  # [m/s]
+    height: float  # [m]
+
+
+@dataclass(frozen=True)
 class Turn:
     """Turn all walls about the y axis and record the beads at regular intervals, at the start too."""
 
@@ -68,7 +79,7 @@ class Drain:
     interval: float  # [s]
 
 
-Stage = Pour | Settle | Open | Turn | Drain
+Stage = Pour | Settle | Open | Lift | Turn | Drain
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,7 @@ class Scene:
     @property
     def records(self) -> bool:
         """Whether a stage records the beads over time."""
-        return any(isinstance(stage, (Turn, Drain)) for stage in self.stages)
+        return any(isinstance(stage, (Lift, Turn, Drain)) for stage in self.stages)
 
 
 def scene_of(
@@ -187,8 +198,6 @@ def _pile(
     settle_limit: float = 4.0,
 ) -> Scene:
     said: tuple[str, ...] = ()
-    if rig.variant == "pouring":
-        raise BadInput("method: decks hold no tube that is lifted; export a pile by piling or emptying.")
     if rig.variant == "piling" and rig.outlet_height is None:
         # steps of a tenth of a millimetre, so that the option can repeat the value
         fall = 3 * particle.diameter if fall_height is None else fall_height
@@ -212,10 +221,28 @@ def _pile(
         at, moving = filling.scattered(count, filling.in_tube(2 * half), box, particle, random)
         stages: tuple[Stage, ...] = (Settle(fill_limit, SETTLED), Open("lid"), Settle(settle_limit, AT_REST))
         return Scene(rig, walls, at, moving, stages, low, high, inside, said)
+    if isinstance(method, Pouring):
+        return _lifted(method, low, high, inside, random, fill_limit, settle_limit)
     assert isinstance(method, Piling)
     walls = dict(zip(("base", "rim"), method.shapes, strict=False))
     stages = (_poured(method.outlet, particle, count, random), Settle(settle_limit, AT_REST))
     return Scene(rig, walls, NOTHING, NOTHING, stages, low, high, inside, said)
+
+
+def _lifted(
+    method: Pouring, low: Array, high: Array, inside: Array, random: np.random.Generator, fill_limit: float,
+    settle_limit: float,
+) -> Scene:  # fmt: skip
+    """A tube that is lifted until it is above the bed that stood in it."""
+    walls = dict(zip(("base", "rim", "tube") if method.rig.rim_height > 0 else ("base", "tube"), method.shapes,
+                     strict=True))  # fmt: skip
+    half, bead = method.tube_diameter / 2, method.particle
+    box = np.array([-half, -half, 0.0]), np.array([half, half, method.tube_height])
+    at, moving = filling.scattered(method.count, filling.in_tube(2 * half), box, bead, random)
+    bed = method.count * bead.volume / LOOSEST / (math.pi * half**2) + bead.diameter
+    lift = Lift("tube", method.lift_speed, bed)
+    stages = (Settle(fill_limit, SETTLED), lift, Open("tube"), Settle(settle_limit, AT_REST))
+    return Scene(method.rig, walls, at, moving, stages, low, np.add(high, (0.0, 0.0, 1.1 * bed)), inside)
 
 
 def _drum(

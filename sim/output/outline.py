@@ -14,6 +14,7 @@ from rigtwin.lab.records import Profile
 VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the vertical axis, viewing directions of a round rig
 POINTS_PER_DIAMETER = 24
 SIGMA = 1e-5  # [m], standard uncertainty of a silhouette: of the order of the beads' overlaps
+SURFACE_POINTS = 100  # across the cylinder
 NEIGHBOURS = 1.1  # [sums of radii], largest distance of the centres of neighbours in a bed
 
 
@@ -70,3 +71,21 @@ def bed(centres: Array, radii: Array) -> npt.NDArray[np.bool_]:
     graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(centres), len(centres)))
     heap = connected_components(graph, directed=False)[1]
     return np.asarray(heap == np.bincount(heap).argmax())
+
+
+def surface(centres: Array, radii: Array, diameter: float) -> Array:
+    """Height [m] of the uppermost sphere over points spread evenly over a round base; 0 without a sphere."""
+    x = (np.arange(SURFACE_POINTS) + 0.5) / SURFACE_POINTS * diameter - diameter / 2
+    points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = points[np.hypot(*points.T) < diameter / 2]
+    height = np.zeros(len(points))
+    pitch = diameter / SURFACE_POINTS
+    for part in np.array_split(np.arange(len(points)), max(1, len(points) * len(centres) // 4_000_000)):
+        low = points[part].min(axis=0) - radii.max(initial=0.0) - pitch
+        high = points[part].max(axis=0) + radii.max(initial=0.0) + pitch
+        near = ((centres[:, :2] > low) & (centres[:, :2] < high)).all(axis=1)
+        place, radius = centres[near], radii[near]
+        over = radius**2 - ((points[part, None] - place[:, :2]) ** 2).sum(axis=2)
+        top = np.where(over >= 0, place[:, 2] + np.sqrt(np.maximum(over, 0.0)), 0.0)
+        height[part] = top.max(axis=1, initial=0.0)
+    return height

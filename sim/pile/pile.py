@@ -22,7 +22,7 @@ from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.output.outline import VIEWS, silhouette
 from rigtwin.sim.pile.emptying import Emptying, emptying, section
 from rigtwin.sim.pile.piling import Course, piling
-from rigtwin.sim.pile.pouring import pouring
+from rigtwin.sim.pile.pouring import Pouring, pouring
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History
 from rigtwin.sim.run.set_up import Bench, Numerics
@@ -49,6 +49,7 @@ class Heap:
     asked: int
     placed: int
     fallen: int  # over the rim, or through the drain
+    bed_height: float | None = None  # [m], mean surface of the bed in the tube of a pouring, before it is lifted
     statistics: dict[str, float] = field(default_factory=dict)
     history: History | None = None  # energy, contacts and overlaps over time
     assumptions: dict[str, str] = field(default_factory=dict)  # all that the rig's description leaves open
@@ -163,6 +164,7 @@ def replayed(
     in_time: bool,
     pour_rate: float | None = None,
     fill_limit: float = 3.0,
+    filled: Frame | None = None,
 ) -> Heap:
     """The heap of a run that another program computed.
 
@@ -182,6 +184,8 @@ def replayed(
         Particles per second [1/s], as in `run`.
     fill_limit : float
         Longest wait [s] for the filling, as in `run`.
+    filled : Frame, optional
+        Pouring: the spheres as the tube begins to move.
 
     Returns
     -------
@@ -190,6 +194,9 @@ def replayed(
     """
     method = method_of(rig, particle, asked, pour_rate, None, fill_limit)
     course = Course(random=np.random.default_rng(0), placed=asked, in_time=in_time)
+    if filled is not None and isinstance(method, Pouring):
+        beads = filled.beads(particle)
+        course.bed_height = method.bed_height(beads.position, beads.radius)
     grains = frame.grains(particle)
     return _heap(
         rig, particle, method, course, frame.beads(particle), grains, asked=asked,
@@ -232,6 +239,7 @@ def _heap(
         asked=asked,
         placed=course.placed,
         fallen=course.placed - int(stays.sum()),
+        bed_height=course.bed_height,
         statistics=statistics,
         history=history,
         assumptions=assumptions,

@@ -28,9 +28,10 @@ NARROWEST = 3  # [bead diameters], smallest default outlet
 
 @dataclass(kw_only=True)
 class Course(filling.Course):
-    """State of the run, with the height of the outlet."""
+    """State of the run, with the heights of the outlet and of the bed."""
 
     height: float = 0.0  # [m], of the outlet, which rises with the heap
+    bed_height: float | None = None  # [m], mean surface of the bed in the tube of a pouring, before it is lifted
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import Pile
 from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.output.outline import surface
 from rigtwin.sim.pile.piling import Course, bowl
 from rigtwin.sim.run import filling
 
@@ -94,6 +95,8 @@ class Pouring:
             course.placed = self.count
         if course.let_go is None:
             filling.settle_and_let_go(bulk, logbook, course, self.particle, self.fill_limit, progress)
+            beads = bulk.beads()
+            course.bed_height = self.bed_height(beads.position, beads.radius)
             bulk.move_wall(tube, Motion((0.0, 0.0, self.lift_speed), start=bulk.time))
         assert course.let_go is not None
         steps = max(1, round(filling.LOOK / bulk.time_step))
@@ -102,6 +105,10 @@ class Pouring:
             logbook.look(course.kept())
             progress("lifting the tube", lifted, top)
         bulk.remove_wall(tube)
+
+    def bed_height(self, centres: Array, radii: Array) -> float:
+        """Mean height [m] of the surface of the bed in the tube."""
+        return float(surface(centres, radii, self.tube_diameter).mean())
 
     def warnings(self, course: Course, staying: Array) -> list[str]:
         found = []

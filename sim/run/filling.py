@@ -207,7 +207,8 @@ def rain(
         due = due_at(source, bulk.time, count) - course.placed
         new = places(occupied, source, particle.diameter, due, course.random)
         turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
-        bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn)
+        sizes = _sizes(len(new), particle, course.random)
+        bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn, scale=sizes)
         course.patience = 0 if len(new) or due <= 0 else course.patience + 1
         course.placed += len(new)
         logbook.run(steps)
@@ -246,7 +247,8 @@ def scatter(
     They are placed on the loosest lattice that fits, filled from below, with a random shift from each site.
     """
     places, velocities = scattered(count, inside, box, particle, random)
-    bulk.add(places, velocities, turn=_turns(len(places), particle, random))
+    turns = _turns(len(places), particle, random)
+    bulk.add(places, velocities, turn=turns, scale=_sizes(len(places), particle, random))
 
 
 def scattered(
@@ -327,7 +329,8 @@ def _sites(
 
 def _place(bulk: Bulk, sites: Array, shift: float, particle: Particle, random: np.random.Generator) -> None:
     places, velocities = _shaken(sites, shift, random)
-    bulk.add(places, velocities, turn=_turns(len(sites), particle, random))
+    turns = _turns(len(sites), particle, random)
+    bulk.add(places, velocities, turn=turns, scale=_sizes(len(sites), particle, random))
 
 
 def _shaken(sites: Array, shift: float, random: np.random.Generator) -> tuple[Array, Array]:
@@ -339,6 +342,13 @@ def _shaken(sites: Array, shift: float, random: np.random.Generator) -> tuple[Ar
 def _turns(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
     """Random orientations of clumps, quaternions of shape (count, 4)."""
     return None if particle.shape is None else random.normal(size=(count, 4))
+
+
+def _sizes(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
+    """Random sizes of spheres over the largest; None where all are alike."""
+    if particle.smallest is None:
+        return None
+    return random.uniform(particle.smallest, particle.diameter, count) / particle.diameter
 
 
 def _too_many(count: int, particle: Particle, room: int, said: str = "count") -> BadInput:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
@@ -119,17 +119,26 @@ class Bench:
         *,
         skin: float | None = None,
         open_domain: bool = True,
+        static_friction: Mapping[int, float | None] | None = None,
     ) -> Bulk:
-        """Simulation without beads, in a `domain` [m] from its low to its high corner."""
+        """Simulation without beads, in a `domain` [m] from its low to its high corner.
+
+        `static_friction` is that of single walls, by their number, where it is not that of `wall_contact`.
+        """
         from rigtwin.sim.engine.bulk.bulk import SKIN, Bulk
         from rigtwin.sim.engine.walls.shapes import Wall
 
         (x, y, z), (to_x, to_y, to_z) = ([float(c) for c in corner] for corner in domain)
         wall = self.wall.softened(self.stiffness_factor)
+        contacts = {
+            number: replace(self.wall_contact, static_friction=value)
+            for number, value in (static_friction or {}).items()
+            if value is not None
+        }
         return Bulk(
             [self.soft],
             self.contact,
-            [Wall(shape, wall, self.wall_contact) for shape in shapes],
+            [Wall(shape, wall, contacts.get(number, self.wall_contact)) for number, shape in enumerate(shapes)],
             low=(x, y, z),
             high=(to_x, to_y, to_z),
             open_domain=open_domain,

@@ -59,6 +59,13 @@ def test_the_bed_climbs_with_the_wall_to_a_slope_of_its_friction(rough):
     assert 0.1 < math.tan(math.radians(slope(rough))) < 0.6 * (1 + 0.03 / 0.02)
 
 
+def test_end_walls_have_the_friction_that_is_stated_for_them(rough):
+    made = turned(replace(RIG, end_wall_friction=0.0))
+    assert "static friction 0" in made.assumptions["end_walls"]
+    assert slope(made) < slope(rough)  # in a drum three beads deep the end walls carry much of the bed
+    assert slope(turned(replace(RIG, end_wall_friction=ROUGH.static_friction))) == slope(rough)
+
+
 @pytest.mark.slow
 def test_reversed_rotation_gives_the_mirror_image_of_the_slope(rough):
     other = turned(Drum(RIG.diameter, -RIG.speed, RIG.depth, RIG.fill))

@@ -1,5 +1,6 @@
 """Pile tests: the heap rests, is round, and the result states what was assumed."""
 
+import math
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -239,6 +240,8 @@ def highest(heap: pile.Heap) -> float:
 def test_a_lifted_tube_leaves_a_centred_heap_and_all_beads_are_accounted_for(poured):
     assert poured.at_rest
     assert poured.placed == 150 == len(poured.centres) + poured.fallen
+    packed = 150 * D6.volume / (math.pi * 0.015**2 * poured.bed_height)  # of the bed before the tube was lifted
+    assert 0.4 < packed < 0.64
     assert np.abs(poured.centres[:, :2].mean(axis=0)) == pytest.approx([0, 0], abs=D6.radius)
     # the tube is removed: beads lie at the former position of its wall
     radius = np.hypot(*poured.centres[:, :2].T)

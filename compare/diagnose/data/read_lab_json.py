@@ -82,14 +82,14 @@ def read_tracked_lab(path: Path, *, allow_outside: bool = False) -> TrackedLab:
     With `allow_outside` track files may lie outside the folder of the lab.json.
     """
     file = path / "lab.json" if path.is_dir() else path
-    document = _document(file)
-    rig = _text(document, "rig", file)
+    document = read_document(file)
+    rig = text_of(document, "rig", file)
     if rig not in (*TRACKED, *BULK):
         raise BadLabFile(f"{file}: rig: there is no rig {rig!r}; known are {', '.join((*TRACKED, *BULK))}.")
     raw_conditions = document.get("conditions")
     if not isinstance(raw_conditions, list) or not raw_conditions:
         raise BadLabFile(f"{file}: conditions: is missing or empty; list one condition per setting of the rig.")
-    gravity = _number({"gravity_m_s2": GRAVITY, **document}, "gravity_m_s2", file)
+    gravity = number_of({"gravity_m_s2": GRAVITY, **document}, "gravity_m_s2", file)
     camera = _camera(document, file, rig)
     geometry = document.get("rig_geometry", {})
     conditions = (
@@ -149,7 +149,7 @@ def _read_once(file: Path, conditions: Sequence[Condition]) -> None:
         raise BadLabFile(f"{copy}: has the same content as {original}; a copy is no repetition: remove one of them.")
 
 
-def _document(file: Path) -> dict[str, Any]:
+def read_document(file: Path) -> dict[str, Any]:
     if why_not_ordinary(file) == "no such file":
         raise BadLabFile(
             f"{file}: no such file; give a folder with a lab.json of tracked repetitions, or with a lab.toml."
@@ -242,23 +242,23 @@ def _camera(document: Mapping[str, Any], file: Path, rig: str) -> Camera:
     if not isinstance(raw, dict):
         raise BadLabFile(f"{file}: camera: is not a table of names and values.")
     if rig in BULK:
-        return Camera(_number(raw, "frame_rate_hz", file, default=240.0), math.nan)
-    scale = _number(raw, "scale_m_per_px", file, default=math.nan)
-    noise = _number(raw, "tracking_noise_px", file, default=math.nan) * scale
+        return Camera(number_of(raw, "frame_rate_hz", file, default=240.0), math.nan)
+    scale = number_of(raw, "scale_m_per_px", file, default=math.nan)
+    noise = number_of(raw, "tracking_noise_px", file, default=math.nan) * scale
     return Camera(
-        frame_rate=_number(raw, "frame_rate_hz", file, where="camera: "),
-        noise=_number(raw, "tracking_noise_m", file, default=noise),
-        scale_rel=_number(raw, "scale_uncertainty_rel", file, default=0.002),
-        clock_rel=_number(raw, "frame_rate_uncertainty_rel", file, default=1e-4),
-        roll=math.radians(_number(raw, "roll_uncertainty_deg", file, default=0.15)),
+        frame_rate=number_of(raw, "frame_rate_hz", file, where="camera: "),
+        noise=number_of(raw, "tracking_noise_m", file, default=noise),
+        scale_rel=number_of(raw, "scale_uncertainty_rel", file, default=0.002),
+        clock_rel=number_of(raw, "frame_rate_uncertainty_rel", file, default=1e-4),
+        roll=math.radians(number_of(raw, "roll_uncertainty_deg", file, default=0.15)),
     )
 
 
 def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str, allow_outside: bool) -> Condition:
     if not isinstance(raw, dict):
         raise BadLabFile(f"{file}: conditions: each must be a table with a name.")
-    name = _text(raw, "name", file)
-    bead = _bead(document, raw, file, name)
+    name = text_of(raw, "name", file)
+    bead = bead_of(document, raw, file, name)
     if "repetitions" not in raw:
         raise BadLabFile(f"{file}: condition {name}: repetitions: is missing; state the number of its files.")
     count = raw["repetitions"]
@@ -319,7 +319,7 @@ def _check(repetition: tuple[Track, ...], path: Path, rig: str) -> None:
             )
 
 
-def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where: str) -> Bead:
+def bead_of(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where: str) -> Bead:
     particles = document.get("particles")
     if not isinstance(particles, dict) or not particles:
         raise BadLabFile(f"{file}: particles: is missing or empty; describe each bead there.")
@@ -339,12 +339,12 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
     if not isinstance(about, dict):
         known = ", ".join(map(str, particles))
         raise BadLabFile(f"{file}: condition {where}: bead {wanted!r} is not under particles (known: {known}).")
-    diameter = _number(about, "diameter_m", file, default=math.nan)
+    diameter = number_of(about, "diameter_m", file, default=math.nan)
     if diameter > LARGEST_BEAD:
         raise BadLabFile(f"{file}: particles: {wanted}: diameter_m: {diameter:g} is in metres; was it meant in mm?")
-    mass = _number(about, "mass_g", file, default=math.nan) * 1e-3
-    density = _number(about, "density_kg_m3", file, default=math.nan)
-    mass = mass if math.isfinite(mass) else _number(about, "mass_kg", file, default=math.nan)
+    mass = number_of(about, "mass_g", file, default=math.nan) * 1e-3
+    density = number_of(about, "density_kg_m3", file, default=math.nan)
+    mass = mass if math.isfinite(mass) else number_of(about, "mass_kg", file, default=math.nan)
     if not math.isfinite(mass):
         mass = density * math.pi / 6 * diameter**3
     if not (diameter > 0 and mass > 0):
@@ -355,14 +355,16 @@ def _bead(document: Mapping[str, Any], raw: Mapping[str, Any], file: Path, where
     return bead
 
 
-def _text(table: Mapping[str, Any], key: str, file: Path) -> str:
+def text_of(table: Mapping[str, Any], key: str, file: Path) -> str:
     value = table.get(key)
     if not isinstance(value, str) or not value:
         raise BadLabFile(f"{file}: {key}: is missing or not a text.")
     return value
 
 
-def _number(table: Mapping[str, Any], key: str, file: Path, *, default: float | None = None, where: str = "") -> float:
+def number_of(
+    table: Mapping[str, Any], key: str, file: Path, *, default: float | None = None, where: str = ""
+) -> float:
     value, key = table.get(key, default), where + key
     if value is None:
         raise BadLabFile(f"{file}: {key}: is missing; state it as a number.")

@@ -15,7 +15,6 @@ from rigtwin.compare.diagnose.data.axis_checks import check_axes, check_heights
 from rigtwin.compare.diagnose.data.exclusions import sifted
 from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
 from rigtwin.compare.diagnose.data.read_lab_json import read_tracked_lab
-from rigtwin.compare.diagnose.data.tracked_lab import BULK
 from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder, model_of
 from rigtwin.compare.diagnose.diagnosis import bench_of, diagnose, in_words
 from rigtwin.compare.diagnose.fitting.fit import fit
@@ -513,14 +512,6 @@ def test_holm_keeps_the_order_of_p_values():
 
 
 # ----------------------------------------------------------------------------------------------------- bad input
-
-
-@pytest.mark.parametrize("rig", BULK)
-def test_a_bulk_rig_is_left_undecided_with_the_reason(tmp_path, rig):
-    write_lab(tmp_path, rig, [{"name": "c", "repetitions": 3}], {})
-    diagnosis, _files = diagnose_folder(tmp_path, tmp_path / "out")
-    assert diagnosis.verdict == "undecided"
-    assert rig in diagnosis.reason
 
 
 @pytest.mark.parametrize(

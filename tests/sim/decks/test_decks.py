@@ -127,11 +127,19 @@ def test_the_stiffnesses_for_lammps_are_those_of_hertz_and_mindlin():
     assert among["k_t"] == pytest.approx(4 * bead.shear_modulus / (2 - bead.poisson_ratio))
 
 
+def test_a_deck_for_liggghts_lifts_the_tube_and_records_the_bed_before():
+    poured = replace(deck("liggghts", "pile"), rig=Pile(0.09, 0.005, variant="pouring", lift_speed=0.1))
+    text = poured.files()["in.liggghts"]
+    lift = text.index("fix lift_tube all move/mesh mesh tube linear 0. 0. 0.1")
+    assert text.index("write_dump all custom record.dump") < lift < text.index("unfix tube")
+    assert "tube.stl" in poured.files()
+
+
 def test_what_no_deck_can_hold_is_refused():
     with pytest.raises(BadInput, match="clump"):
         replace(deck("yade", "pile"), particle=hlosta2020.particle("C6_8s-a"))
     with pytest.raises(BadInput, match="tube that is lifted"):
-        replace(deck("liggghts", "pile"), rig=Pile(0.09, variant="pouring")).files()
+        replace(deck("lammps", "pile"), rig=Pile(0.09, variant="pouring"))
     with pytest.raises(BadInput, match="LAMMPS deck has no walls like"):
         replace(deck("lammps", "hopper"), rig=Hopper(0.03, "slot")).files()
     with pytest.raises(BadInput, match="damping tsuji"):
