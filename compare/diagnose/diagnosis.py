@@ -86,7 +86,7 @@ class Diagnosis:
         return {
             "verdict": self.verdict,
             "reason": self.reason,
-            "strained": strained(chosen.fitted if chosen else naming.base) if naming else [],
+            "strained": strained(calibration(chosen.fitted if chosen else naming.base)) if naming else [],
             "lab": self.lab.title,
             "rig": self.lab.rig,
             "left_out": list(self.left_out),

@@ -29,6 +29,7 @@ from rigtwin.compare.diagnose.bulk.naming import (
 )
 from rigtwin.compare.diagnose.bulk.response import Response, response_of
 from rigtwin.compare.diagnose.bulk.twin_design import Twins
+from rigtwin.compare.diagnose.fitting.strained import strained
 from rigtwin.compare.diagnose.selection.gap import Gap
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import Model
@@ -98,6 +99,15 @@ class BulkDiagnosis:
         """The document of `diagnosis.json`, with the keys of that of a lab of single bodies."""
         naming = self.naming
         fitted = naming.base if self.shown is None else self.shown.fitted
+        coordinates = zip(fitted.axes, fitted.u, strict=True)
+        shift = {axis.name: axis.value(float(u)) - axis.value(0.0) for axis, u in coordinates}
+        calibrated = [
+            {
+                "name": name, "value": fitted.value(name), "std": fitted.std(name), "pull": pull,
+                "stated_std": abs(shift[name] / pull) if pull else None,
+            }
+            for name, pull in fitted.pulls.items()
+        ]  # fmt: skip
         return {
             "verdict": self.verdict,
             "reason": self.reason,
@@ -121,10 +131,8 @@ class BulkDiagnosis:
             "stability": None,
             "beside": [],
             "designs": [one.to_json() for one in self.designs],
-            "calibration": [
-                {"name": name, "value": fitted.value(name), "std": fitted.std(name), "pull": pull}
-                for name, pull in fitted.pulls.items()
-            ],
+            "calibration": calibrated,
+            "strained": strained(calibrated),
             "tried": [
                 {
                     "effects": list(one.names), "gain": one.gain, "refused": one.reason,

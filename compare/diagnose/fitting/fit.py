@@ -23,7 +23,6 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
-
 LAST = 6  # largest number of steps after the last update of the scatter
 
 
@@ -105,17 +104,9 @@ def fit(
     """
     unknowns = tuple(bench.unknowns(terms))
     fixed = dict(held or {})
-    values = np.array([unknown.start for unknown in unknowns])
-    if near is not None:
-        known = {unknown.name: value for unknown, value in zip(near.unknowns, near.values, strict=True)}
-        values = np.array([known.get(u.name, u.start) for u in unknowns])
-    for number, unknown in enumerate(unknowns):
-        if start and unknown.name in start:
-            values[number] = start[unknown.name]
-        if beside and unknown.name in beside:
-            values[number] = beside[unknown.name]
-        if unknown.name in fixed:
-            values[number] = fixed[unknown.name]
+    known = {} if near is None else {u.name: float(v) for u, v in zip(near.unknowns, near.values, strict=True)}
+    known |= {**(start or {}), **(beside or {}), **fixed}
+    values = np.array([known.get(u.name, u.start) for u in unknowns])
     if local is None:
         named = {u.name: float(v) for u, v in zip(unknowns, values, strict=True)}
         local = near.local if near is not None and not start else bench.first_guess(named)

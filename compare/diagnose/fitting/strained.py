@@ -7,6 +7,7 @@ many of its stated standard uncertainties, the fit has not calibrated: it has co
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigtwin.compare.diagnose.fitting.fit import Fit
@@ -34,13 +35,13 @@ def calibration(fitted: Fit) -> list[dict[str, Any]]:
     ]
 
 
-def strained(fitted: Fit) -> list[dict[str, Any]]:
+def strained(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The rows of `calibration` with a pull beyond `STRAINED`, largest first."""
-    rows = [row for row in calibration(fitted) if row["pull"] is not None and abs(row["pull"]) > STRAINED]
-    return sorted(rows, key=lambda row: -abs(row["pull"]))
+    far = [row for row in rows if row["pull"] is not None and abs(row["pull"]) > STRAINED]
+    return sorted(far, key=lambda row: -abs(row["pull"]))
 
 
-def in_words(rows: list[dict[str, Any]]) -> str:
+def in_words(rows: Sequence[Mapping[str, Any]]) -> str:
     """One sentence on strained quantities; empty if there are none."""
     if not rows:
         return ""

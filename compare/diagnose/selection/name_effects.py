@@ -279,22 +279,38 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
     tell("candidates", 0, len(candidates))
     singles = search.polish(search.consider(None, candidates))
     singles = search.settle(singles)
-    if base.deviance - search.base.deviance > ALARM:
-        # the baseline was in a poor local minimum, and so was whatever started from there
-        found = name_effects(bench, candidates, search.base, tell)
+    better = _better_base(search, base, singles)
+    if better is not None:
+        found = name_effects(bench, candidates, better, tell)
         return replace(found, broken=tuple(dict.fromkeys((*search.broken, *found.broken))))
-    base = search.base
     best = best_of(singles)
-    rounds = [tuple(singles)]
-    if best is not None and base.per_row > ROUGH and not search.is_part(best.fitted):
-        again = fit(bench, (), near=best.fitted, rounds=6)
-        if again.deviance < ASTRAY * base.deviance:
-            # the baseline was in a poor local minimum: start again, so that no candidate gains by that
-            found = name_effects(bench, candidates, again, tell)
-            return replace(found, broken=tuple(dict.fromkeys((*search.broken, *found.broken))))
     if best is None or best.score < ALARM:
-        none = Naming(base, location, tuple(search.done.values()), None, (), location, tuple(rounds))
+        none = Naming(search.base, location, tuple(search.done.values()), None, (), location, (tuple(singles),))
         return replace(none, broken=tuple(search.broken))
+    best, rounds = _grown(search, best, singles, candidates, tell)
+    return replace(_concluded(search, best, location, rounds), broken=tuple(search.broken))
+
+
+def _better_base(search: _Search, first: Fit, singles: Sequence[Candidate]) -> Fit | None:
+    """A much better fit of the baseline than the `first`, found from the best candidate; None if there is none.
+
+    The first was in a poor local minimum then, and so was whatever started from there: the search begins anew, so that
+    no candidate gains by that.
+    """
+    if first.deviance - search.base.deviance > ALARM:
+        return search.base
+    best = best_of(singles)
+    if best is not None and search.base.per_row > ROUGH and not search.is_part(best.fitted):
+        again = fit(search.bench, (), near=best.fitted, rounds=6)
+        return again if again.deviance < ASTRAY * search.base.deviance else None
+    return None
+
+
+def _grown(
+    search: _Search, best: Candidate, singles: Sequence[Candidate], candidates: Sequence[Effect], tell: Tell
+) -> tuple[Candidate, list[tuple[Candidate, ...]]]:
+    """The best set of effects, grown from the best singles, and the candidates of each round."""
+    bench, rounds = search.bench, [tuple(singles)]
     front = [best]
     if best.fitted.per_row > 1.3 or locate(bench, best.fitted).p < 1e-3:
         # one effect is not enough, and the best pair need not contain the best single
@@ -325,7 +341,7 @@ def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell:
             best, front, count = more, front_of(grown, 3), count + 1
         else:
             break
-    return replace(_concluded(search, best, location, rounds), broken=tuple(search.broken))
+    return best, rounds
 
 
 def _concluded(search: _Search, best: Candidate, location: Location, rounds: Sequence[tuple[Candidate, ...]]) -> Naming:
@@ -353,8 +369,8 @@ def _rivals(done: Mapping[frozenset[str], Candidate], chosen: Candidate) -> list
 
 
 def _plainest(search: _Search, first: Candidate) -> tuple[Candidate, list[Candidate]]:
-    """The form of `first` with the fewest special or free effects among those that fit equally well, and all sets that explain
-    the data as well as the better of it and `first`."""
+    """The form of `first` with the fewest special or free effects among those that fit equally well, and all sets that
+    explain the data as well as the better of it and `first`."""
 
     def plainer() -> list[Candidate]:
         rivals = _rivals(search.done, first)
