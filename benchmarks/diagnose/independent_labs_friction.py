@@ -129,11 +129,7 @@ def wedge(rng: Rng, lab: Lab) -> Sized:
     slope = float(rng.choice([-1, 1]) * rng.uniform(0.003, 0.02))  # [rad]
 
     def sized(size: float) -> Hidden:
-        def along(_t: float, _s: float, _v: float, condition: Condition) -> float:
-            turned = -1.0 if condition.nominal["turned"] else 1.0
-            return 9.81 * size * slope * turned * condition.nominal["way"]
-
-        return Hidden(along=along)
+        return Hidden(shifts={"wedge": size * slope})
 
     return sized
 

@@ -39,7 +39,8 @@ def move(condition: Condition, off: Mapping[str, float], hidden: Hidden) -> Moti
     """Release or push, and the ride of one repetition."""
     sphere, nominal, shifts = condition.sphere, condition.nominal, hidden.shifts
     way = nominal["way"]  # 1 to the right, -1 to the left
-    slope = way * (nominal["slope"] + off.get("tip", 0.0) + off.get("level", 0.0) + shifts.get("level", 0.0))
+    own = shifts.get("wedge", 0.0) * (-1.0 if nominal["turned"] else 1.0)  # slope of the surface on its plate
+    slope = way * (nominal["slope"] + off.get("tip", 0.0) + off.get("level", 0.0) + shifts.get("level", 0.0) + own)
     radius = sphere.radius + off.get("diameter", 0.0) / 2
     plain = nominal["rolling"] * (1 + off.get("rolling", 0.0)) + off.get("rolling_mean", 0.0)
     begin = nominal["begin"] + off.get("begin", 0.0)

@@ -101,9 +101,14 @@ def test_a_plain_form_is_fitted_to_convergence_before_it_is_rejected():
 
 
 def test_an_impact_law_by_which_beads_gain_energy_is_refused():
+    plate = named("plate_compliance").parameters[1]
+
     def fitted(e, std):
-        unknowns = [SimpleNamespace(name="restitution.D6-glass"), SimpleNamespace(name="plate_compliance.strength")]
-        own = dict(zip([one.name for one in unknowns], ((e, std), (50.0, 5.0)), strict=True))
+        own = {
+            "restitution.D6-glass": (e, std), "plate_compliance.strength": (50.0, 5.0),
+            "plate_compliance.plate": (plate.typical, 0.1 * plate.typical),
+        }  # fmt: skip
+        unknowns = [SimpleNamespace(name=name) for name in own]
         values = [value for value, _ in own.values()]
         return SimpleNamespace(
             unknowns=unknowns, values=values, value=lambda name: own[name][0], std=lambda name: own[name][1]
