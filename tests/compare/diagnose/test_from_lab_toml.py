@@ -117,13 +117,13 @@ def test_slides_that_begin_at_other_angles_and_places_give_their_static_friction
     assert document["strained"] == []
 
 
-def test_a_lab_without_single_bodies_is_refused_in_a_sentence(tmp_path, capsys):
+def test_a_lab_of_one_heap_is_refused_in_a_sentence(tmp_path, capsys):
     shutil.copytree(SAMPLES / "pile", tmp_path / "pile")
     text = (SAMPLES / "lab.toml").read_text()
     piles = '[[experiments]]\nid = "pile-D6-90mm"'
     (tmp_path / "lab.toml").write_text(text.partition("[[experiments]]")[0] + piles + text.partition(piles)[2])
     assert run(["diagnose", str(tmp_path)]) == 2
-    assert "holds no drop, pendulum or tilt" in " ".join(capsys.readouterr().err.split())
+    assert "1 repetition in all; at least 3 are needed" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
