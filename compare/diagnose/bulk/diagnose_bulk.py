@@ -189,8 +189,8 @@ def diagnose_bulk(
 
     if lab.repetitions < FEWEST:
         raise BadInput(
-            f"{lab.folder}: {lab.repetitions} repetition{'' if lab.repetitions == 1 else 's'} in all; at least {FEWEST} are needed to separate an effect "
-            "from scatter."
+            f"{lab.folder}: {lab.repetitions} repetition{'' if lab.repetitions == 1 else 's'} in all; at least {FEWEST} "
+            "are needed to separate an effect from scatter."
         )
     begun = time.process_time()
     axes = axes_of(lab)
