@@ -72,7 +72,7 @@ bench-diagnose: $(READY)
 bench-diagnose-independent: $(READY)
 	$(BIN)/python benchmarks/diagnose/independent.py $(if $(COUNT),--count $(COUNT))
 
-# SEED=7 COUNT=8 make bench-diagnose-bulk: labs of piles, packings, drums and hoppers made by LIGGGHTS; goes on
+# SEED=7 COUNT=8 make bench-diagnose-bulk: labs of piles, packings, drums and hoppers made by LIGGGHTS; continues where it stopped
 bench-diagnose-bulk: $(READY)
 	$(BIN)/python benchmarks/diagnose/bulk.py
 

@@ -61,12 +61,14 @@ class Particle:
     diameter: float  # [m], of the sphere; of a clump that of the sphere about its centre of mass that holds it
     density: float | None = None  # [kg/m^3], over the volume of a clump's union
     shape: Clump | None = None  # None: a sphere
-    smallest: float | None = None  # [m], spheres of all diameters from here to `diameter` alike often; None: all alike
+    smallest: float | None = None  # [m], diameters are uniformly distributed from here to `diameter`; None: all equal
 
     def __post_init__(self) -> None:
         _positive(self.name, diameter=self.diameter)
         if self.smallest is not None and not (self.shape is None and 0 < self.smallest <= self.diameter):
-            raise BadInput(f"{self.name}: the smallest diameter must lie between 0 and that of a sphere.")
+            raise BadInput(
+                f"{self.name}: smallest: must be above zero and at most the diameter, and only a sphere may have it."
+            )
         if self.shape is not None and not math.isclose(self.diameter, 2 * self.shape.reach, rel_tol=1e-9):
             raise BadInput(f"{self.name}: the diameter of a clump follows from its shape; make it with clumped().")
         if self.density is not None:

@@ -373,7 +373,7 @@ def _no_law(found: Formula | None) -> str:
 
 
 def _closed(naming: Naming, noise: float) -> float | None:
-    """Share of the excess gap that the best set closes, in the mean over repetitions, or over all rows if none repeats.
+    """Share of the excess gap that the best set closes: in the mean over repetitions if that has a gap, else in rows.
 
     What differs from repetition to repetition is scatter, which no effect explains.  `noise` is the squared deviation
     per row that the best set would leave without any gap.

@@ -96,7 +96,7 @@ EFFECTS = (
         "measure the outlet's height, or pour from twice as high", ("height of fall", "drop height"),
     ),
     BulkEffect(
-        "pour_height", "pour height", "physical", "outlet_height", "factor", "h = f stated h",
+        "outlet_height", "height of the outlet", "physical", "outlet_height", "factor", "h = f stated h",
         "measure the outlet's height, or pour from twice as high", ("height of fall", "drop height"),
     ),
     BulkEffect(

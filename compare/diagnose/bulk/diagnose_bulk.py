@@ -99,12 +99,11 @@ class BulkDiagnosis:
         """The document of `diagnosis.json`, with the keys of that of a lab of single bodies."""
         naming = self.naming
         fitted = naming.base if self.shown is None else self.shown.fitted
-        coordinates = zip(fitted.axes, fitted.u, strict=True)
-        shift = {axis.name: axis.value(float(u)) - axis.value(0.0) for axis, u in coordinates}
+        spreads = {axis.name: abs(axis.value(min(axis.std, 1.0)) - axis.value(0.0)) for axis in fitted.axes}
         calibrated = [
             {
                 "name": name, "value": fitted.value(name), "std": fitted.std(name), "pull": pull,
-                "stated_std": abs(shift[name] / pull) if pull else None,
+                "stated_std": spreads[name],
             }
             for name, pull in fitted.pulls.items()
         ]  # fmt: skip
@@ -189,8 +188,8 @@ def diagnose_bulk(
 
     if lab.repetitions < FEWEST:
         raise BadInput(
-            f"{lab.folder}: {lab.repetitions} repetition{'' if lab.repetitions == 1 else 's'} in all; at least {FEWEST} "
-            "are needed to separate an effect from scatter."
+            f"{lab.folder}: {lab.repetitions} repetition{'' if lab.repetitions == 1 else 's'} in all; at least "
+            f"{FEWEST} are needed to separate an effect from scatter."
         )
     begun = time.process_time()
     axes = axes_of(lab)
@@ -202,7 +201,7 @@ def diagnose_bulk(
             likely = _likely(naming)
             if not twins.again(likely, campaign, progress, look):
                 break
-            near = {axis: u for point in likely for axis, u in point.items()}
+            near = {axis: u for point in reversed(likely) for axis, u in point.items()}  # the best candidate's stays
             responses, naming = _named(lab, axes, twins, near)
         designs: list[FurtherExperiment] = []
         if naming.best is not None and naming.alike:
@@ -227,11 +226,11 @@ def _named(
 
 def _likely(naming: BulkNaming) -> list[Any]:
     """Coordinates of the effects that deserve a second look, the best first."""
-    singles = [one for one in naming.tried if not one.reason and one.score > WORTH]
-    if not singles:
+    plausible = [one for one in naming.tried if not one.reason and one.score > WORTH]
+    if not plausible:
         return []
-    top = singles[0].score
-    return [one.point for one in singles if top - one.score < NEAR][:4]
+    top = plausible[0].score
+    return [one.point for one in plausible if top - one.score < NEAR][:4]
 
 
 def _differing(responses: Sequence[Response], base: BulkFit) -> Iterator[Differing]:

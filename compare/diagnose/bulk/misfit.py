@@ -17,7 +17,6 @@ from rigtwin.lab.arrays import Array
 
 STARTS = (-0.7, -0.3, 0.0, 0.1, 0.3, 0.6, 0.95)  # first coordinates of a free axis
 REWEIGHTED = 3  # fits, each with the covariance at the solution of the one before
-UNITS_STEP = 1e-3  # of a coordinate, for the derivative of a value
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -223,8 +223,6 @@ def _agree(name: str) -> float:
 
 
 def _kept(features: Features, known: Array) -> Features:
-    from dataclasses import replace
-
     curve = known[: len(features.vectors)]
     return replace(
         features,
@@ -290,7 +288,10 @@ def _worked_out(
     for level in levels:
         value = axis.value(level)
         if axis.distortion is not None:
-            seen = [look for result in stated for look in of_twin(condition, result, axis.distortion(value))]
+            distortion = axis.distortion(value)
+            if turns_the_other_way(condition):  # the record is mirrored, which reverses the roll of the camera
+                distortion = replace(distortion, roll=-distortion.roll)
+            seen = [look for result in stated for look in of_twin(condition, result, distortion)]
             changes.append(np.nan_to_num(_looked(features, seen) - before))
         else:
             assert axis.mass is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from rigtwin.compare.campaign.campaign import Campaign
@@ -81,12 +81,3 @@ class Twins:
         name = f"{condition.name}, {where}, seed {seed}"
         setting = twin_setting(self.lab, condition, point)
         return twin_run(name, *setting, seed=seed, stiffness_factor=self.lab.stiffness_factor(condition))
-
-
-def unlike(points: Sequence[Mapping[Axis, float]]) -> Iterator[Mapping[Axis, float]]:
-    """Points that differ from all before them."""
-    seen: list[Mapping[Axis, float]] = []
-    for point in points:
-        if point and point not in seen:
-            seen.append(point)
-            yield point

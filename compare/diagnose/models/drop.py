@@ -33,7 +33,7 @@ ONE_MATERIAL = 0.015
 """Standard deviation between the restitutions of a bead on two plates of one material, apart from the bending of the
 plates.  Assumed: two pieces differ in finish, and hardly by more than the scatter from impact to impact."""
 SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
-LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: scatter that no track shows
+LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted scatter, below what a track resolves
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
 

@@ -1,7 +1,7 @@
 """Reduced model of a rolling bead: down an incline from rest, or along a level surface after a push.
 
 World axes: x right (horizontal), y up, origin at the contact point at the start.  The bead rolls without slipping, to
-the right or to the left as its track says.
+the right or to the left as its track shows.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen, screen_pairs
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
+from rigtwin.compare.diagnose.fitting.strained import STRAINED
 from rigtwin.compare.diagnose.fitting.subset import coarse, cut
 from rigtwin.compare.diagnose.selection.bent_laws import gained_beside
 from rigtwin.compare.diagnose.selection.candidate import Candidate, best_of, front_of, refused
@@ -41,7 +42,6 @@ GLANCE = 6.0  # promised gain in deviance below which a candidate is not fitted
 ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline shows that the old one was a poor minimum
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
-STRAINED = 5.0  # stated standard uncertainties by which the baseline may pull its calibration
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
 Tell = Callable[[str, float, float], None]
