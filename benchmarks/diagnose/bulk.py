@@ -404,7 +404,7 @@ def held_out(found: Sequence[Mapping[str, Any]]) -> list[float]:
 
 
 def main() -> int:
-    seed, count = int(os.environ.get("SEED", "1")), int(os.environ.get("COUNT") or small("16", "2"))
+    seed, count = int(os.environ.get("SEED", "1")), int(os.environ.get("COUNT") or small("16", "1"))
     if shutil.which(BINARY["liggghts"]) is None:
         return report(TARGET, [skipped("verdicts", "liggghts is not installed")] * 6)
     found = []
