@@ -216,12 +216,14 @@ def _wall(document: Mapping[str, Any], condition: Mapping[str, Any], bead: Parti
     )
 
 
-def _found(table: Mapping[str, Any], kind: str, names: Sequence[str]) -> tuple[str, float] | None:
+def _found(table: Mapping[str, Any], kind: str, names: Sequence[str], where: str) -> tuple[str, float] | None:
     """The first of the names that a table has, with a unit as its ending: the key, and the value in SI."""
     for name in names:
         for ending, factor in UNITS[kind].items():
             key = f"{name}{ending}" if name else ending.removeprefix("_")
-            if key in table and is_number(table[key]):
+            if table.get(key) is not None:
+                if not is_number(table[key]):
+                    raise BadLabFile(f"{where}: {key}: {table[key]!r} is not a number.")
                 return key, float(table[key]) * factor
     return None
 
@@ -241,7 +243,8 @@ def _with_words(
 
 
 def _settings(rig: str, raw: Mapping[str, Any], document: Mapping[str, Any], file: Path, name: str) -> RigSettings:
-    found = {key: item[1] for key, (kind, names) in NAMES[rig].items() if (item := _found(raw, kind, names))}
+    where = f"{file}: condition {name}"
+    found = {key: item[1] for key, (kind, names) in NAMES[rig].items() if (item := _found(raw, kind, names, where))}
     for key, (words, without) in WORDS[rig].items():
         if key not in found and (item := _with_words(raw, NAMES[rig][key][0], words, without)):
             found[key] = item[1]
@@ -392,7 +395,7 @@ def _results(path: Path, left_out: list[str]) -> dict[str, float]:
         raise BadLabFile(f"{path}: is not a table of names and values.")
     found, used = {}, set()
     for key, (kind, names) in RESULTS.items():
-        if (item := _found(content, kind, names)) is not None and math.isfinite(item[1]):
+        if (item := _found(content, kind, names, str(path))) is not None and math.isfinite(item[1]):
             found[key] = item[1]
             used.add(item[0])
     left_out += [f"results.json: {key} is not used" for key in content if key not in used]

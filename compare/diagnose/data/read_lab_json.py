@@ -56,6 +56,8 @@ SETTINGS = (
 )  # fmt: skip
 """Settings of a condition; those common to all conditions may be stated once, in rig_geometry."""
 
+YES_OR_NO = ("surface_turned", "run_reversed")  # settings of a condition that are true or false
+
 NOT_NEGATIVE = ("uncertainty", "noise", "sideways_speed")  # parts of the names of quantities that cannot be negative
 
 RANGES = {  # open range of valid values
@@ -276,6 +278,9 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str, allo
     first = pattern % 1
     common = {key: value for key, value in document.get("rig_geometry", {}).items() if key in SETTINGS}
     settings = common | {key: value for key, value in raw.items() if key not in ("name", "files", "repetitions")}
+    for key in YES_OR_NO:
+        if not isinstance(settings.get(key, False), bool):
+            raise BadLabFile(f"{file}: condition {name}: {key}: {settings[key]!r} is not true or false.")
     if rig == "roll" and not {"incline_angle_deg", "push_speed_m_s"} & settings.keys():
         raise BadLabFile(
             f"{file}: condition {name}: has neither incline_angle_deg nor push_speed_m_s; state one of them: a bead "

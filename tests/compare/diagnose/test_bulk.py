@@ -237,6 +237,7 @@ def spoil(folder: Path, change: Callable[[dict], object]) -> None:
     ("change", "says"),
     [
         (lambda d: d["conditions"][0].pop("base_diameter_m"), "base diameter of the pile is missing"),
+        (lambda d: d["conditions"][0].update(lift_speed_m_s="slow"), "lift_speed_m_s: 'slow' is not a number"),
         (lambda d: d["conditions"][0].update(base_diameter_m=-0.1), "base_diameter: -0.1 is impossible"),
         (lambda d: d["conditions"][0].update(repetitions=0), "repetitions: 0 is not a whole number"),
         (lambda d: d["conditions"][1].update(name="base90"), "'base90' is there twice"),

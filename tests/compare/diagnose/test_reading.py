@@ -156,6 +156,16 @@ def test_two_pendulums_with_unequal_beads_or_released_on_the_right_are_refused(d
         read_tracked_lab(doubles)
 
 
+@pytest.mark.parametrize("key", ["surface_turned", "run_reversed"])
+@pytest.mark.parametrize("value", ["no", 3, [True]])
+def test_how_a_surface_lies_and_a_bead_runs_is_stated_by_true_or_false(key, value, tmp_path):
+    one = {"name": "c", "bead": "heavy", "wall": "glass", "repetitions": 3, "incline_angle_deg": 5.0, key: value}
+    document = {"rig": "roll", "camera": CAMERA, "particles": BEADS, "conditions": [one]}
+    (tmp_path / "lab.json").write_text(json.dumps(document))
+    with pytest.raises(BadLabFile, match=f"condition c: {key}: .* is not true or false"):
+        read_tracked_lab(tmp_path)
+
+
 @pytest.mark.parametrize("rig", ["doubles", "pendulums", "drops"])
 @pytest.mark.parametrize("by", [100.0, -3.0])
 def test_the_start_of_the_clock_changes_nothing(rig, by, request):
