@@ -63,13 +63,13 @@ def test_equal_spheres_pack_between_loose_and_dense_away_from_the_ends(bed):
     assert 0.52 < solid_between(bed, 0.006, bed.height - 0.006) < 0.64
 
 
-def test_spheres_of_several_sizes_are_all_alike_often_and_keep_to_their_range():
+def test_diameters_of_a_uniform_distribution_keep_to_their_range():
     mixed = poured(replace(BEAD, smallest=3.6e-3), count=150)
     assert len(mixed.radii) == 150
     assert 1.8e-3 <= mixed.radii.min() < 2e-3
     assert 2.8e-3 < mixed.radii.max() <= 3e-3
     assert mixed.radii.mean() == pytest.approx(2.4e-3, rel=0.05)
-    with pytest.raises(BadInput, match="smallest diameter"):
+    with pytest.raises(BadInput, match="smallest: must be above zero"):
         replace(BEAD, smallest=7e-3)
 
 
