@@ -24,7 +24,7 @@ class Effect:
     laws: Mapping[str, Make]
     rigs: tuple[str, ...]
     synonyms: tuple[str, ...]  # "a&b&!c": has the words a and b and not c
-    also: tuple[str, ...] = ()  # what no data of the rig could tell from it
+    also: tuple[str, ...] = ()  # effects that no data of this rig can distinguish from it
     listed: bool = True
     fixed: bool = False  # nature sets the size; the bench must fit it
     setup: Mapping[str, Any] = field(default_factory=dict)  # what the rig needs for it

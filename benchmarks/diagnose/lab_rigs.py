@@ -280,7 +280,7 @@ def _double(world: World, rng: np.random.Generator, wanted: Sequence[str]) -> Be
     geometry = {
         "length": "pivot to bead centre, both threads alike, set on the bench before hanging the beads",
         "length_uncertainty_m": LENGTH_UNCERTAINTY,
-        "pivots": "one bead diameter apart; A hangs on the left and is released to the left, B waits on the right",
+        "pivots": "one bead diameter apart; A, on the left, is released to the left; B, on the right, hangs at rest",
         "release": "from rest, 0.02-0.08 s after the first frame",
         "release_angle_uncertainty_deg": ANGLE_UNCERTAINTY,
         "suspension": "threads of negligible mass, motion in one plane",

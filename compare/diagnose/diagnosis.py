@@ -83,10 +83,11 @@ class Diagnosis:
     def to_json(self) -> dict[str, Any]:
         """The document of `diagnosis.json`."""
         naming, chosen = self.naming, self.chosen
+        calibrated = calibration(chosen.fitted if chosen else naming.base) if naming else []
         return {
             "verdict": self.verdict,
             "reason": self.reason,
-            "strained": strained(calibration(chosen.fitted if chosen else naming.base)) if naming else [],
+            "strained": strained(calibrated),
             "lab": self.lab.title,
             "rig": self.lab.rig,
             "left_out": list(self.left_out),
@@ -110,7 +111,7 @@ class Diagnosis:
             "stability": self.stability.to_json() if self.stability else None,
             "beside": [one.to_json() for one in self.beside],
             "designs": [one.to_json() for one in self.designs],
-            "calibration": calibration(chosen.fitted if chosen else naming.base) if naming else [],
+            "calibration": calibrated,
             "tried": [
                 {
                     "effects": list(one.names),

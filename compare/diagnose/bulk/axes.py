@@ -24,7 +24,10 @@ MOST_ROLLING = 0.5  # [1], where none is stated
 MOST_BOND = 25.0  # [1], largest pull of cohesion over the weight of a bead
 SIZE = 0.12  # relative, of the diameter
 DENSITY = 0.3  # relative
-RESTITUTION = 0.25
+DENSITY_STD = 0.01  # relative standard uncertainty; weighing and counting
+SETTING_STD = 0.02  # relative standard uncertainty of speeds and heights of a rig
+ROLLING_STD = 0.1  # relative standard uncertainty of a stated rolling friction where the lab states none
+RESTITUTION = 0.25  # [1], change at the ends of its range
 SPREAD = 0.2  # [1], relative standard deviation of the diameters
 ELONGATION = 0.6  # [1], length over width less one, of a clump of two spheres
 ROLL, SCALE, CLOCK = math.radians(8.0), 0.12, 0.3  # [rad], relative, relative
@@ -171,7 +174,7 @@ def _rolling(lab: BulkLab, stated: float, std: float) -> Axis:
             "rolling_friction", "1", meaning, _up_to(MOST_ROLLING), math.sqrt(std / MOST_ROLLING),
             (0.25, 0.5, 0.75, 1.0), moved, symmetric=False,
         )  # fmt: skip
-    spread = (std or 0.1 * stated) / stated / math.log(FACTOR)
+    spread = (std or ROLLING_STD * stated) / stated / math.log(FACTOR)
     return Axis(
         "rolling_friction", "1", meaning, _about(stated, 4 * MOST_ROLLING), spread, (-1.0, -0.5, 0.5, 1.0), moved
     )
@@ -211,7 +214,7 @@ def _particle_axes(lab: BulkLab) -> Iterator[Axis]:
         (-1.0, -0.5, 0.5, 1.0), sized,
     )  # fmt: skip
     yield Axis(
-        "density", "1", "density over the stated one, less 1", lambda u: DENSITY * u, 0.01 / DENSITY,
+        "density", "1", "density over the stated one, less 1", lambda u: DENSITY * u, DENSITY_STD / DENSITY,
         mass=lambda value: 1 + value,
     )  # fmt: skip
     yield Axis(
@@ -271,7 +274,7 @@ def _changed(name: str, meaning: str, rig: str, factor: float = FACTOR) -> Axis:
         return setting if stated is None else at(setting, {name: stated * value})
 
     return Axis(
-        name, "1", meaning, _about(1.0, factor=factor), 0.02 / math.log(factor), (-1.0, 1.0), moved, rigs=(rig,)
+        name, "1", meaning, _about(1.0, factor=factor), SETTING_STD / math.log(factor), (-1.0, 1.0), moved, rigs=(rig,)
     )
 
 

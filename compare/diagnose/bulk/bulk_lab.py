@@ -11,7 +11,7 @@ from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.materials import Contact
 
-SIMULATED_MODULUS = 1e7  # [Pa], Young's modulus of the twins at most; above it results no longer depend on it
+SIMULATED_MODULUS = 1e7  # [Pa], largest Young's modulus of the twins, to keep runs short
 FRICTION_STD = 0.02  # [1], standard uncertainty of a coefficient of friction where the lab states none
 RESTITUTION_STD = 0.02  # [1]
 SIZE_STD = 0.01  # relative, of the diameter

@@ -11,15 +11,14 @@ from rigtwin.compare.diagnose.bulk.bulk_lab import BulkLab
 from rigtwin.compare.diagnose.bulk.candidates import LEAST_SIGNIFICANCE, BulkEffect, effects_of
 from rigtwin.compare.diagnose.bulk.misfit import BulkFit, fit, numbers
 from rigtwin.compare.diagnose.bulk.response import Response
+from rigtwin.compare.diagnose.diagnosis import LEFT, SURE
+from rigtwin.compare.diagnose.selection.name_effects import ALIKE
 
 ALARM = 14.0  # deviance that a first effect gains at least: p = 2e-4 for one of some fifteen effects
 SECOND = 14.0  # deviance that a second effect gains at least beside the first
-SHARE = 0.02  # share of the first one's gain that it gains at least: the twins know an effect to about a seventh
-END = 0.999  # coordinate from which on an effect lies at the end of its range
-ALIKE = 6.0  # difference in deviance below which two names explain the measurements equally well
+SHARE = 0.02  # least share of the first one's gain: the quadratics are accurate to about 1/7, whose square is 2 %
+END = 0.999  # coordinate above which an effect counts as at the end of its range
 STATED = 2.0  # deviance that it costs to contradict a stated value
-SURE = 1e-4  # probability of the misfit below which a disagreement remains
-LEFT = 0.9  # share of the excess gap that an effect closes at least where a disagreement remains
 LEADING = 5  # single effects from which pairs are made
 
 

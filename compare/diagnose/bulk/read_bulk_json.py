@@ -19,7 +19,7 @@ from rigtwin.compare.diagnose.bulk.bulk_lab import (
     Record,
     Uncertain,
 )
-from rigtwin.compare.diagnose.data.read_lab_json import bead_of, number_of, read_document, text_of
+from rigtwin.compare.diagnose.data.read_lab_json import PLACEHOLDER, bead_of, number_of, read_document, text_of
 from rigtwin.compare.diagnose.data.tracked_lab import BULK, Bead, is_number
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
@@ -364,12 +364,9 @@ def _records(
             f"{file}: condition {name}: repetitions: {count!r} is not a whole number from 1 to {MOST_REPETITIONS}."
         )
     pattern = str(raw.get("files") or f"{name}/rep%02d")
-    try:
-        folders = [file.parent / (pattern % number) for number in range(1, count + 1)]
-    except (TypeError, ValueError):
-        raise BadLabFile(
-            f"{file}: condition {name}: files: {pattern!r} has no place for a number, as rep%02d."
-        ) from None
+    if not PLACEHOLDER.fullmatch(pattern):
+        raise BadLabFile(f"{file}: condition {name}: files: {pattern!r} has no place for a number, as rep%02d.")
+    folders = [file.parent / (pattern % number) for number in range(1, count + 1)]
     curve = "discharge.csv" if rig == "hopper" else "profile.csv"
     there = [folder / curve for folder in folders if (folder / curve).is_file()]
     for original, copy in copies(there):

@@ -51,7 +51,7 @@ LEVERAGE = 0.2  # one less the leverage of a run, below which its residual says 
 WINDOW = 0.45  # coordinates about a second look within which runs are used
 LEVELS = 3  # different coordinates that are left there, else all are used
 CUT_AT = 4.0  # standard deviations at which a residual is cut before correlations are taken
-NEARBY = 0.3  # coordinate from which on the misfit of an axis's quadratic counts in full
+NEARBY = 0.3  # coordinate above which the misfit of an axis's quadratic counts in full
 OFTEN = 0.8  # share of the twins that give a number, below which it is not used
 FEWEST = 6  # twins of a condition
 

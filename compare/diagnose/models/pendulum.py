@@ -173,16 +173,18 @@ def pushing(
     def fall(angle: Array, _rate: Array) -> Array:
         return np.asarray(-pull * np.sin(angle))
 
-    if not (acting or stretch.any() or creep.any() or any(term.geometry in LENGTHENING for term in terms)):
+    lengthens = any(term.geometry in LENGTHENING for term in terms)
+    if not (acting or lengthens):
         return fall, np.sqrt(pull)
 
     def push(angle: Array, rate: Array, since: Array | float = 0.0) -> Array:
         sine = np.sin(angle)
         cosine = np.cos(angle)
-        # a thread of changing length r: r theta'' = -g sin(theta) - 2 r' theta'
-        longer = stretch * (gravity * (cosine - 1.0) + length * rate**2) + creep * since
-        growth = creep - 3.0 * stretch * gravity * sine * rate
-        moment = -weight * sine * length / (length + longer) - 2.0 * inertia * growth * rate / length
+        moment = -weight * sine
+        if lengthens:  # a thread of changing length r: r theta'' = -g sin(theta) - 2 r' theta'
+            longer = stretch * (gravity * (cosine - 1.0) + length * rate**2) + creep * since
+            growth = creep - 3.0 * stretch * gravity * sine * rate
+            moment = moment * length / (length + longer) - 2.0 * inertia * growth * rate / length
         for term, own in acting:
             if term.force is not None:
                 fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)

@@ -47,7 +47,7 @@ class RollBench(Runs):
         self.side = np.where(np.array(ways) < 0, -1.0, 1.0)
         self.turned = orientation(self.conditions)
         # a run the other way whose x still grows is filmed from the other side, or its x counts along the run
-        self.faces = np.where(self._stated("run_reversed") & (self.side > 0), -1.0, 1.0)
+        self.faces = np.where(_stated(self.conditions, "run_reversed") & (self.side > 0), -1.0, 1.0)
         self.pairs = list(dict.fromkeys(f"{c.bead.name}-{c.wall}" for c in self.conditions))
         self.pair = np.array([self.pairs.index(f"{c.bead.name}-{c.wall}") for c in self.conditions])
         count = len(self.conditions)
@@ -65,10 +65,6 @@ class RollBench(Runs):
         self.scatter = self.pair[:, None].copy()
         self.scatter_start = np.full(len(self.pairs), 3e-3)
         self.scatter_most = np.full(len(self.pairs), np.inf)
-
-    def _stated(self, name: str) -> Any:
-        """Whether each repetition's condition states that this is so, shape (R,)."""
-        return np.array([bool(condition.settings.get(name, False)) for condition in self.conditions])
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Rolling friction of each pair; angle of each condition, level and calibration with their priors."""
@@ -206,7 +202,12 @@ class RollBench(Runs):
 
 def orientation(conditions: Sequence[Condition]) -> Array:
     """1 for each condition whose surface lies as at first, -1 where it lies end for end, shape (C,)."""
-    return np.where([bool(condition.settings.get("surface_turned", False)) for condition in conditions], -1.0, 1.0)
+    return np.where(_stated(conditions, "surface_turned"), -1.0, 1.0)
+
+
+def _stated(conditions: Sequence[Condition], name: str) -> Any:
+    """Whether each condition states that this is so, shape (C,)."""
+    return np.array([bool(condition.settings.get(name, False)) for condition in conditions])
 
 
 def both_ways(lab: TrackedLab) -> bool:

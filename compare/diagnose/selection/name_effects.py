@@ -19,6 +19,7 @@ from rigtwin.compare.diagnose.selection.bent_laws import gained_beside
 from rigtwin.compare.diagnose.selection.candidate import Candidate, best_of, front_of, refused
 from rigtwin.compare.diagnose.selection.complexity_penalty import SECOND, price
 from rigtwin.compare.diagnose.selection.locate import Location, locate
+from rigtwin.lab.progress import Progress
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
@@ -43,8 +44,6 @@ ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline show
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
-
-Tell = Callable[[str, float, float], None]
 
 
 @dataclass(frozen=True)
@@ -268,26 +267,26 @@ class _Search:
         return len(fitted.residual) != len(self.base.residual)
 
 
-def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, tell: Tell) -> Naming:
+def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, progress: Progress) -> Naming:
     """Forward selection over the candidates, from single effects up, with pairs grown from the three best singles.
 
-    `tell` is called with step, number and count.
+    `progress` is called with step, number and count.
     """
     location = locate(bench, base)
     search = _Search(bench, base, spread_of(base, location))
     search.begin()
-    tell("candidates", 0, len(candidates))
+    progress("candidates", 0, len(candidates))
     singles = search.polish(search.consider(None, candidates))
     singles = search.settle(singles)
     better = _better_base(search, base, singles)
     if better is not None:
-        found = name_effects(bench, candidates, better, tell)
+        found = name_effects(bench, candidates, better, progress)
         return replace(found, broken=tuple(dict.fromkeys((*search.broken, *found.broken))))
     best = best_of(singles)
     if best is None or best.score < ALARM:
         none = Naming(search.base, location, tuple(search.done.values()), None, (), location, (tuple(singles),))
         return replace(none, broken=tuple(search.broken))
-    best, rounds = _grown(search, best, singles, candidates, tell)
+    best, rounds = _grown(search, best, singles, candidates, progress)
     return replace(_concluded(search, best, location, rounds), broken=tuple(search.broken))
 
 
@@ -307,7 +306,7 @@ def _better_base(search: _Search, first: Fit, singles: Sequence[Candidate]) -> F
 
 
 def _grown(
-    search: _Search, best: Candidate, singles: Sequence[Candidate], candidates: Sequence[Effect], tell: Tell
+    search: _Search, best: Candidate, singles: Sequence[Candidate], candidates: Sequence[Effect], progress: Progress
 ) -> tuple[Candidate, list[tuple[Candidate, ...]]]:
     """The best set of effects, grown from the best singles, and the candidates of each round."""
     bench, rounds = search.bench, [tuple(singles)]
@@ -322,7 +321,7 @@ def _grown(
             break
         grown = []
         for number, root in enumerate(front if count == 2 else front[:1]):
-            tell("pairs", number, len(front))
+            progress("pairs", number, len(front))
             grown += search.consider(root, [effect for effect in candidates if effect.group not in root.groups])
         if count == 2 and len(front) > 1:
             grown += search.pairs(candidates)

@@ -13,14 +13,14 @@ Source: Johnson, Kendall & Roberts 1971; Derjaguin, Muller & Toporov 1975; Thorn
 
 from typing import Any
 
+from rigtwin.sim.effects.adhesion import adhesion
 from rigtwin.sim.effects.effect import Effect, Parameter
 
 
 def restitution(e: Any, speed: Any, radius: Any, mass: Any, work: Any, size_exponent: Any) -> Any:
     """e'^2 = e^2 - 2 W / (m v^2), W = work (R / 3 mm)^n; zero where the bead sticks."""
-    energy = work * (radius / 0.003) ** size_exponent
-    left = e * e - 2.0 * energy / (mass * speed * speed + 1e-18)
-    return (0.5 * (left + abs(left)) + 1e-12) ** 0.5
+    own = work * (radius / 0.003) ** (size_exponent - 1.3333333333333333)
+    return adhesion.restitution(e, speed, radius, mass, own)
 
 
 EFFECT = Effect(

@@ -14,19 +14,23 @@ from typing import Any
 
 from rigtwin.lab.materials import AIR_DENSITY, AIR_VISCOSITY
 from rigtwin.sim.effects.effect import Effect, Parameter
+from rigtwin.sim.effects.flight.air_drag import DRAG_OF_A_SPHERE
 
-NEWTON = 0.44  # drag coefficient at large Reynolds numbers
+
+def resistance(speed: Any, radius: Any, density: Any, viscosity: Any) -> Any:
+    """[N s/m] force over speed of a sphere: 6 pi eta R (1 + 0.15 Re^0.687), C_D = 0.44 beyond Re = 1000."""
+    reynolds = 2.0 * radius * density / viscosity * speed
+    stokes = 1.0 + 0.15 * (reynolds + 1e-9) ** 0.687
+    newton = DRAG_OF_A_SPHERE / 24.0 * reynolds
+    # the larger of the two, without a branch: they meet at Re = 1000
+    over = 0.5 * (stokes + newton + abs(stokes - newton))
+    return 6.0 * 3.141592653589793 * viscosity * radius * over
 
 
 def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, multiplier: Any) -> Any:
     """[N] against the velocity: 6 pi eta R v (1 + 0.15 Re^0.687), C_D = 0.44 beyond Re = 1000."""
     speed = (vx * vx + vy * vy) ** 0.5
-    reynolds = 2.0 * radius * AIR_DENSITY / AIR_VISCOSITY * speed
-    stokes = 1.0 + 0.15 * (reynolds + 1e-9) ** 0.687
-    newton = NEWTON / 24.0 * reynolds
-    # the larger of the two, without a branch: they meet at Re = 1000
-    over = 0.5 * (stokes + newton + abs(stokes - newton))
-    pull = -multiplier * 6.0 * 3.141592653589793 * AIR_VISCOSITY * radius * over
+    pull = -multiplier * resistance(speed, radius, AIR_DENSITY, AIR_VISCOSITY)
     return pull * vx, pull * vy
 
 

@@ -15,8 +15,7 @@ from typing import Any
 
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.effects.effect import Effect, Parameter
-
-NEWTON = 0.44  # drag coefficient at large Reynolds numbers
+from rigtwin.sim.effects.flight.air_drag_schiller_naumann import resistance
 
 
 def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, density: Any, log_viscosity: Any) -> Any:
@@ -24,12 +23,7 @@ def force(vx: Any, vy: Any, gap: Any, radius: Any, mass: Any, density: Any, log_
     viscosity = 1e-3 * 10.0**log_viscosity
     displaced = density * 4.1887902047863905 * radius**3
     speed = (vx * vx + vy * vy) ** 0.5
-    reynolds = 2.0 * radius * abs(density) / viscosity * speed
-    stokes = 1.0 + 0.15 * (reynolds + 1e-9) ** 0.687
-    newton = NEWTON / 24.0 * reynolds
-    # the larger of the two, without a branch: they meet at Re = 1000
-    over = 0.5 * (stokes + newton + abs(stokes - newton))
-    pull = -6.0 * 3.141592653589793 * viscosity * radius * over
+    pull = -resistance(speed, radius, abs(density), viscosity)
     # a density of zero is a vacuum, which has no viscosity
     pull = pull * density * density / (density * density + 1.0)
     share = mass / (mass + 0.5 * displaced)

@@ -245,6 +245,7 @@ def spoil(folder: Path, change: Callable[[dict], object]) -> None:
         (lambda d: d["contact"].pop("static_friction_pp"), "static_friction_pp (between particles) is missing"),
         (lambda d: d["contact"].update(restitution_pw=1.2), "restitution_pw: 1.2 is impossible"),
         (lambda d: d["conditions"][0].update(files="somewhere/rep"), "has no place for a number"),
+        (lambda d: d["conditions"][0].update(files="rep%999999999999d"), "has no place for a number"),
         (lambda d: d["conditions"][0].update(files="../rep%02d"), "lies outside"),
         (lambda d: d["conditions"][0].update(repetitions=9), "has neither profile.csv nor a results.json"),
     ],
