@@ -109,11 +109,10 @@ def _unmet(requirement: object) -> str:
 
 def _engine_and_media() -> Iterator[Finding]:
     """The engine runs in a process of its own: if a library ends it, the other checks go on; so they do meanwhile."""
-    from rigtwin.compare.worker_processes import interrupts_held, spawned
+    from rigtwin.compare.worker_processes import spawned
 
     with spawned(1, work="ran Taichi", less=REINSTALL) as pool:
-        with interrupts_held():
-            engine = pool.submit(_engine)
+        engine = pool.submit(_engine)
         yield from _in_words("film", _film)
         yield from _in_words("photo", _photo)
         try:

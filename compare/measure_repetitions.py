@@ -13,7 +13,7 @@ from typing import Any
 
 from rigtwin.compare.deviation import key_of, over_views
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.compare.worker_processes import interrupts_held, spawned
+from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.input_files import unquoted
@@ -77,10 +77,9 @@ def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None 
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
     with spawned(len(jobs), workers, work="measured a repetition", less="give shorter clips or smaller photos") as pool:
-        with interrupts_held():
-            # the views of a pile are one long job: start it first, so that the others run beside it
-            longest_first = sorted(range(len(jobs)), key=lambda k: -len(jobs[k][1]))
-            started = {k: pool.submit(measure_repetition, *jobs[k]) for k in longest_first}
+        # the views of a pile are one long job: start it first, so that the others run beside it
+        longest_first = sorted(range(len(jobs)), key=lambda k: -len(jobs[k][1]))
+        started = {k: pool.submit(measure_repetition, *jobs[k]) for k in longest_first}
         yield Pending(experiments, [(jobs[k][0].id, started[k]) for k in range(len(jobs))])
 
 

@@ -6,60 +6,96 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from typing import Any
 
 from rigtwin.lab.errors import WorkerEnded
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
+class Workers:
+    """At most `size` worker processes, each started when a job finds none free."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self._pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), initializer=_start_worker)
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
+        """Hand out a job.  Raises `BrokenProcessPool` if a worker has ended unexpectedly."""
+        with _interrupts_held():
+            try:
+                return self._pool.submit(function, *arguments)
+            except OSError as error:  # the pool closes its connections if a worker ends while another is started
+                raise BrokenProcessPool("a process cannot be started") from error
+
+    def close(self) -> None:
+        """Start no more jobs, and let the processes end after the ones that run."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
 @contextmanager
 def spawned(
     jobs: int, workers: int | None = None, *, work: str = "worked", less: str = "use fewer --workers"
-) -> Iterator[ProcessPoolExecutor]:
-    """A pool of at most `workers` processes (one per core by default) for `jobs` jobs.
+) -> Iterator[Workers]:
+    """At most `workers` processes (one per core by default) for `jobs` jobs.
 
     `WorkerEnded` is raised if one of them ends unexpectedly; its message says what it did (`work`, a verb in the past
     tense) and how to need less memory (`less`).  An exception in the block, including Ctrl-C, ends the processes too.
-    Submit jobs inside `interrupts_held`.
     """
-    workers = max(1, min(workers or os.cpu_count() or 1, jobs))
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=start_worker)
+    pool = Workers(max(1, min(workers or os.cpu_count() or 1, jobs)))
     try:
         yield pool
-    except BrokenProcessPool:
+    except BaseException as error:
+        # the results of running jobs are lost, so do not wait for them; a broken pool itself waits without end for a
+        # process that was being started when another ended
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        if not isinstance(error, BrokenProcessPool):
+            raise
         raise WorkerEnded(
             f"a process that {work} ended without a result, most likely because memory ran out; "
             f"close other programs and run again, or {less}."
         ) from None
-    except BaseException:
-        # the results of running jobs are lost, so do not wait for them
-        for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
-        raise
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.close()
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Start processes with Ctrl-C blocked, until they can end on it without a traceback.
+def _interrupts_held() -> Iterator[None]:
+    """Start processes with Ctrl-C blocked, until they can end on it without a traceback; it takes effect afterwards.
 
     They use one thread for linear algebra, as the pool already uses every core.
     """
-    with _one_thread_each():
+    with _one_thread_each(), _interrupt_afterwards():
         if not hasattr(signal, "pthread_sigmask"):  # Windows
             yield
             return
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # the new processes inherit it
         try:
             yield
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _interrupt_afterwards() -> Iterator[None]:
+    """Let Ctrl-C in this process wait for the end of the block, also where another thread of it takes the signal."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    caught: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if caught:
+            signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager
@@ -75,7 +111,7 @@ def _one_thread_each() -> Iterator[None]:
                 del os.environ[name]
 
 
-def start_worker() -> None:
+def _start_worker() -> None:
     """Let Ctrl-C end a worker silently, as the main process reports it, and end the worker with the main process."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -7,14 +7,13 @@ computed by one thread and gives the same result everywhere.
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
 import re
 import socket
 import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ import numpy as np
 
 from rigtwin.compare.campaign.run import Result
 from rigtwin.compare.result_files import plain
-from rigtwin.compare.worker_processes import interrupts_held, spawned, start_worker
+from rigtwin.compare.worker_processes import Workers, spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, WorkerEnded
 from rigtwin.lab.version import __version__
 
@@ -80,8 +79,7 @@ def perform(function: str, settings: dict[str, Any], version: str) -> tuple[Resu
 def _in_own_process(function: str, settings: dict[str, Any], version: str) -> tuple[Result, float]:
     """Compute a run in a process that this one keeps for it, because an engine starts in a main thread only."""
     try:
-        with interrupts_held():
-            job = _own_process().submit(perform, function, settings, version)
+        job: Future[tuple[Result, float]] = _own_process().submit(perform, function, settings, version)
         return job.result()
     except BrokenProcessPool:
         _own_process.cache_clear()
@@ -89,8 +87,8 @@ def _in_own_process(function: str, settings: dict[str, Any], version: str) -> tu
 
 
 @cache
-def _own_process() -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), initializer=start_worker)
+def _own_process() -> Workers:
+    return Workers(1)
 
 
 def runner(cluster: str | None, workers: int | None, folder: Path, *, option: str = "--workers") -> Runner:
@@ -132,18 +130,7 @@ def runner(cluster: str | None, workers: int | None, folder: Path, *, option: st
 def local(jobs: int, workers: int | None = None) -> Iterator[Pool]:
     """Processes of this machine, at most `workers` (one for each core by default)."""
     with spawned(jobs, workers, work="ran a twin") as pool:
-        yield Pool(_Processes(pool), getattr(pool, "_max_workers", 1))
-
-
-class _Processes:
-    """A pool of processes that starts each of them with interrupts held."""
-
-    def __init__(self, pool: Submits) -> None:
-        self._pool = pool
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
-        with interrupts_held():
-            return self._pool.submit(function, *arguments)
+        yield Pool(pool, pool.size)
 
 
 @contextmanager
@@ -189,7 +176,7 @@ def dask(jobs: int, address: str) -> Iterator[Pool]:
                 "--cluster: a worker may not start a process, which each twin needs; start the workers with "
                 "`dask worker --no-nanny`."
             )
-        workers = _Workers(client.get_executor(pure=False), address)
+        workers = _DaskWorkers(client.get_executor(pure=False), address)
         yield Pool(workers, min(jobs, AHEAD * sum(threads.values())))
     finally:
         with suppress(Exception):  # the scheduler may have ended
@@ -211,7 +198,7 @@ async def _asked(address: str, security: Any) -> None:
         await scheduler.identity()
 
 
-class _Workers:
+class _DaskWorkers:
     """Workers of a Dask scheduler, with its own errors in words."""
 
     def __init__(self, executor: Submits, address: str) -> None:
