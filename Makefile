@@ -24,6 +24,7 @@ lint: $(READY)
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
 	$(BIN)/python benchmarks/measure/thresholds.py --check
+	$(BIN)/python benchmarks/lab_keys.py --check
 	$(BIN)/numpydoc lint api.py lab/record_figure.py measure/*/measurement.py
 	$(BIN)/codespell -D docs/word_list.txt --skip "docs/word_list.txt,*.onnx" $(PLAIN)
 
@@ -31,6 +32,7 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/python benchmarks/measure/thresholds.py
+	$(BIN)/python benchmarks/lab_keys.py
 
 # every benchmark with few particles, frames and repetitions: shows that it runs; its figures mean nothing
 smoke: $(READY)

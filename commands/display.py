@@ -180,8 +180,11 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
             )
         table.add_section()
     console.print(table)
+    console.print(escape(comparison.headline))
     if rest:
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
+    for said in dict.fromkeys(f"{row.experiment}, {title(row.quantity)}: {row.note}" for row in primary if row.note):
+        console.print(f"[dim]note:[/dim] {escape(said)}")
     for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
     for warning in comparison_warnings(comparison):

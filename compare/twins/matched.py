@@ -60,7 +60,7 @@ def twin_of(
     the rig needs is not known.
     """
     entry = entry_of(experiment)
-    contacts = [model.contact(*names, entry.needs) for names in experiment.contacts]
+    contacts = [model.contact(*names, entry.needed(experiment)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     numerics: dict[str, Any] = {}
     if entry.many_particles:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -15,6 +16,7 @@ from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import PACKING
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rig_quantities import ABOVE_RIM
 from rigtwin.lab.rigs import Pile, PileSettings
@@ -121,10 +123,24 @@ def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
     if rig.rim_height > 0:
         above = _above_rim(rig, heap, cast.particle.diameter)
         evaluation = replace(evaluation, quantities=(*evaluation.quantities, *above))
+    failed = _no_heap(rig, cast, heap)
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     course |= stated(bed_height_m=heap.bed_height)
     shown = heap.profiles, (), lambda: pile.picture(rig, heap)
-    return bulk_twin("pile", rig, cast, heap, evaluation, computed, course, *shown)
+    return replace(bulk_twin("pile", rig, cast, heap, evaluation, computed, course, *shown), failed=failed)
+
+
+def _no_heap(rig: Pile, cast: Cast, heap: Heap) -> str:
+    """Why the particles on the base are no heap, with the setting to change; empty where they are one."""
+    stay = heap.placed - heap.fallen
+    layer = math.ceil(PACKING * math.pi / 4 * rig.base_diameter**2 * cast.particle.diameter / cast.particle.volume)
+    if rig.variant == "emptying" or stay >= layer:
+        return ""
+    what = f"{stay} of {heap.placed} particles are on the base, and one layer has about {layer}"
+    if heap.fallen < heap.placed / 2:
+        return f"{what}; give a larger count, or a smaller base_diameter"
+    rim = "a rim_height" if rig.rim_height == 0 else "a higher rim_height"
+    return f"{what}: the others rolled off; give {rim}, or contacts with more rolling_friction"
 
 
 def _above_rim(rig: Pile, heap: Heap, diameter: float) -> Iterator[Quantity]:
@@ -170,6 +186,18 @@ class PileEntry(ManyBodyEntry[PileSettings]):
 
     def count(self, experiment: Experiment, count: int | None) -> int:
         return self.rig(experiment).count or count or PILE_COUNT
+
+    def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
+        rig = self.rig(experiment)
+        found = [] if rig.count or count else [f"{PILE_COUNT} particles"]
+        if rig.variant == "piling":
+            found += ["a funnel of a quarter of the base"] if rig.outlet_diameter is None else []
+            found += ["a funnel that rises with the heap"] if rig.outlet_height is None else []
+            found += ["a base without a rim"] if rig.rim_height == 0 else []
+        if rig.variant == "pouring":
+            found += ["a tube of half the base"] if rig.tube_diameter is None else []
+            found += ["a lift at 20 mm/s"] if rig.lift_speed is None else []
+        return found
 
     def check_count(self, experiment: Experiment, count: int | None) -> None:
         from rigtwin.sim.pile import pile

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from rigtwin.lab.errors import BadInput, BadQuantity
 from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.quantity import Detail, Quantity
+from rigtwin.lab.reference.repetition_scatter import Scatter
 from rigtwin.lab.rig_quantities import BODIES, SIDES, RigQuantity, quantities_of
 from rigtwin.lab.rigs import RigSettings
 from rigtwin.lab.units import DIMENSIONS, si
@@ -64,6 +65,46 @@ def stated_quantities(name: str, given: Any, rig: RigSettings) -> list[Quantity]
     if len({(one.method, *one.detail.items()) for one in found}) < len(found):
         raise BadInput("states the same twice; take one of them out.")
     return found
+
+
+def stated_scatter(name: str, given: Any, rig: RigSettings) -> Scatter:
+    """The relative standard deviation from repetition to repetition that is stated for a quantity.
+
+    Parameters
+    ----------
+    name : str
+        Name of the quantity.
+    given : Any
+        What lab.toml holds there: ``"5 %"`` or 0.05; ``"5 % (n = 10)"`` was found with ten repetitions.
+    rig : RigSettings
+        Rig of the experiment.
+
+    Raises
+    ------
+    BadInput
+        If the rig has no such quantity, or the text is no share above 0 and below 1.
+
+    Examples
+    --------
+    >>> from rigtwin.lab.rigs import TiltSettings
+    >>> stated_scatter("rolling_friction", "12 % (n = 10)", TiltSettings("roll"))
+    Scatter(relative=0.12, freedom=9.0, source='stated in lab.toml')
+    """
+    known = quantities_of(rig)
+    if name not in known:
+        raise BadInput(f"is no result of a {rig.name}; {suggestion(name, known)}.")
+    text = str(given).strip()
+    repetitions = _REPETITIONS.search(text)
+    share = text[: repetitions.start()] if repetitions else text
+    number, percent, rest = share.partition("%")
+    try:
+        relative = float(number) / (100 if percent else 1)
+    except ValueError:
+        relative = 0.0
+    n = int(repetitions[1]) if repetitions else 0
+    if isinstance(given, bool) or rest.strip() or not 0 < relative < 1 or (repetitions and n < 2):
+        raise BadInput(f'{given!r} is no scatter; write it like "5 %" or "5 % (n = 10)", n being at least 2.')
+    return Scatter(float(f"{relative:.12g}"), n - 1.0 if n else math.inf, "stated in lab.toml")
 
 
 def mean_of_repetitions(text: str, dimension: str) -> MeanOfRepetitions:
