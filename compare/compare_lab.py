@@ -23,6 +23,7 @@ from rigtwin.compare import result_files
 from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.runners import Runner, runner
 from rigtwin.compare.campaign.twin_runs import twin_from, twin_run
+from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
@@ -43,7 +44,6 @@ from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.materials import KnownContact, pair
 from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.reference.repetition_scatter import Scatter, published_scatter
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling
@@ -132,7 +132,7 @@ def compare(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder, allow_outside=allow_outside)
-    experiments = _chosen(lab, only)
+    experiments = chosen(lab, only)
     remarks = [*_stale(lab, experiments, out)]
     if model is not None:
         given = read_model(model)
@@ -316,7 +316,7 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
     for outcome in comparison.outcomes:
         name, rig = outcome.experiment.id, outcome.experiment.rig_name
         for item in outcome.measurements:
-            source = _relative(item.source, comparison.lab.folder)
+            source = result_files.relative(item.source, comparison.lab.folder)
             rows += [result_files.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
         stated = outcome.experiment.measured
         rows += [result_files.observation(name, rig, "stated", comparison.lab.path.name, item) for item in stated]
@@ -338,7 +338,8 @@ def provenance(comparison: Comparison) -> dict[str, Any]:
         "seconds": {name: round(value, 3) for name, value in comparison.seconds.items()},
         "seed": comparison.seed,
         "inputs": [
-            {"file": _relative(path, lab.folder), "sha256": sha256(path)} for path in dict.fromkeys([lab.path, *media])
+            {"file": result_files.relative(path, lab.folder), "sha256": sha256(path)}
+            for path in dict.fromkeys([lab.path, *media])
         ],
         "model": {
             "materials": {name: asdict(material) for name, material in lab.model.materials.items()},
@@ -372,16 +373,6 @@ def _written(comparison: Comparison, out: Path, clock: float, progress: Progress
     result_files.write_together(out, contents)
     progress("writing the report", 1, 1)
     return comparison
-
-
-def _chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
-    if not only:
-        return lab.experiments
-    known = [experiment.id for experiment in lab.experiments]
-    for name in only:
-        if name not in known:
-            raise BadInput(f"{lab.path}: there is no experiment {name!r}; {suggestion(name, known)}.")
-    return tuple(experiment for experiment in lab.experiments if experiment.id in only)
 
 
 def _under(lab: Lab, model: Model) -> Lab:
@@ -474,21 +465,9 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
         run_name=entry.run_name,
         without_twin=without,
         assumed=entry.assumed(ran.filmed[experiment.id], count) if sound else (),
-        scatter=partial(_scatter, experiment),
+        scatter=partial(known_scatter, experiment),
     )
     shapes = comparable(entry.curves(experiment, measured.measurements, sound)) if sound else ()
     return Outcome(
         experiment, measured.measurements, measured.failures, tuple(twins), rows, shapes, without_twin=without
     )
-
-
-def _scatter(experiment: Experiment, quantity: str) -> Scatter:
-    """What is known beforehand of the scatter of a quantity: as lab.toml states it, else as published."""
-    return experiment.scatter.get(quantity) or published_scatter(experiment.rig_name, quantity)
-
-
-def _relative(path: Path, folder: Path) -> str:
-    try:
-        return path.relative_to(folder).as_posix()
-    except ValueError:  # media may lie outside the lab folder
-        return str(path)

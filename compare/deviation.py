@@ -56,10 +56,10 @@ MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 # [%]: if the 95 % interval of a deviation is wider on each side, a twin that is wrong by as much would agree, too.
 UNINFORMATIVE = 25.0
 
-# Of a difference that is called one without "probably".  With one repetition and the published scatter at most 3 % of
-# the twins that are right are called different, and 90 % of those that are wrong by 30 % or more
+# Probability of a difference that is called one without "probably".  With one repetition and the published scatter 90 %
+# of the twins that are wrong by 30 % or more are called different, and 3 % of those that are right
 # (benchmarks/compare/verdict_rates.py).
-SURE = 0.98
+SURE = 0.975
 
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 

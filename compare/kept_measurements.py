@@ -7,6 +7,7 @@ used as long as the pictures that were written with it are there.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -77,7 +78,8 @@ class KeptMeasurements:
             document = json.loads(self._place(key, ".json").read_text(encoding="utf-8"))
             if "failed" in document:
                 return str(document["failed"])
-            with np.load(self._place(key, ".npz"), allow_pickle=False) as file:
+            content = io.BytesIO(self._place(key, ".npz").read_bytes())  # a damaged file would stay open
+            with np.load(content, allow_pickle=False) as file:
                 found = _measurement(document, dict(file), views[0], self._out)
         except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile):  # none, or damaged
             return None

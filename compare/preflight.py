@@ -38,6 +38,15 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
     return lacking
 
 
+def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
+    """Raise `BadLabFile` with all experiments of which no repetition fits the camera settings."""
+    faults: list[Fault] = []
+    for experiment in experiments:
+        _frame_rate(experiment, faults)
+    if faults:
+        raise faulty(lab, faults)
+
+
 def _of_twin(experiment: Experiment, error: BadInput, count: int | None) -> Fault:
     name, colon, why = str(error).partition(": ")
     if name == "count" and count is not None and entry_of(experiment).takes_count(experiment):
