@@ -43,7 +43,7 @@ def _is_lab(path: Path) -> bool:
 
 app = typer.Typer(
     cls=RigOrLab,
-    help="Measure one rig from its video or photos, or all repetitions of a lab: `rigtwin measure my-lab`.",
+    help="Measure one rig from its video or photos, or a whole lab.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -272,7 +272,7 @@ def measure_hopper(
     )
 
 
-@app.command("lab", epilog="Example: rigtwin measure my-lab --only drop-D6-steel")
+@app.command("lab", epilog="Example: rigtwin measure lab my-lab --only drop-D6-steel")
 @finished(show_lab_measurements, attrgetter("warnings"))
 def measure_lab(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
@@ -287,7 +287,7 @@ def measure_lab(
     allow_outside: Outside = False,
     out: Out = None,
 ) -> Work:
-    """All repetitions of a lab, without its twins.
+    """All repetitions of a lab, without its twins: also `measure LAB`.
 
     Measurements are kept in OUT/measured by media, settings and version: called again, only what is new or changed is
     measured, also by `rigtwin compare`.

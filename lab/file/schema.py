@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -721,6 +721,9 @@ _EXPERIMENTS: dict[str, type[_ExperimentEntry]] = {
     rig: entry for entry in get_args(ExperimentEntry) for rig in get_args(entry.model_fields["rig"].annotation)
 }
 
+_MISSING = "this key is missing"
+_MEANT = re.compile(r"unknown key; did you mean '(.+?)'\?")
+
 File = TypeVar("File", LabFile, ModelFile)
 
 
@@ -757,7 +760,8 @@ def repaired(document: Document, kind: type[File]) -> Repaired[File]:
     places: set[Key] = set()
     while True:
         try:
-            return Repaired(kind.model_validate(data), problems, frozenset(places))
+            file = kind.model_validate(data)
+            return Repaired(file, _without_consequences(problems), frozenset(places))
         except ValidationError as error:
             for details in error.errors():
                 problem = _problem(details, kind)
@@ -765,6 +769,12 @@ def repaired(document: Document, kind: type[File]) -> Repaired[File]:
                     raise document.error(problems) from None
                 problems.append(problem)
                 places.add(_repair(data, problem.key, details, kind))
+
+
+def _without_consequences(problems: Sequence[Problem]) -> list[Problem]:
+    """The problems without the missing keys that are there under a misspelt name."""
+    meant = {(*one.key[:-1], word[1]) for one in problems if (word := _MEANT.match(one.what))}
+    return [one for one in problems if not (one.key in meant and one.what.startswith(_MISSING))]
 
 
 def _repair(data: dict[str, Any], key: Key, details: ErrorDetails, kind: type[_Entry]) -> Key:
@@ -804,7 +814,7 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
     name, given = str(place[-1]) if place else "", _shown(details["input"])
     match details["type"]:
         case "missing":
-            return Problem(key, f"this key is missing; add {name} = {_example(section, name)}.")
+            return Problem(key, f"{_MISSING}; add {name} = {_example(section, name)}.")
         case "extra_forbidden":
             return Problem(key, f"unknown key; {suggestion(name, section.model_fields)}.")
         case "value_error":
