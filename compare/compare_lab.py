@@ -187,6 +187,8 @@ class _Ran:
     """Why an experiment has no twin."""
     filmed: dict[str, Experiment]
     """The experiments with the settings that their media show."""
+    seen: dict[str, str]
+    """What the twins take from the media, in words."""
     seconds: dict[str, float]
 
 
@@ -210,7 +212,7 @@ def _measured_and_run(
     Twins of many particles are runs of a campaign if `where` is given.
     """
     twins, without = dict(imported), dict(lacking)
-    filmed = {one.id: one for one in experiments}
+    filmed, seen = {one.id: one for one in experiments}, dict.fromkeys((one.id for one in experiments), "")
 
     def run(waiting: Sequence[Experiment], measured: Mapping[str, Measured]) -> None:
         """Run the twins of the experiments that are `waiting` for nothing any more."""
@@ -247,11 +249,13 @@ def _measured_and_run(
         for experiment in experiments:
             _need_one(experiment, measured[experiment.id])
         late = [one for one in wanted if one not in early]
-        filmed |= {one.id: entry_of(one).completed(one, measured[one.id].measurements) for one in late}
+        for one in late:
+            if settings["count"] is None or not entry_of(one).takes_count(one):
+                filmed[one.id], seen[one.id] = entry_of(one).completed(one, measured[one.id].measurements)
         run([filmed[one.id] for one in late], measured)
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     seconds["measuring, beside early twins"] = measured_after
-    return _Ran(measured, twins, without, filmed, seconds)
+    return _Ran(measured, twins, without, filmed, seen, seconds)
 
 
 def _side_by_side(
@@ -465,6 +469,7 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
         run_name=entry.run_name,
         without_twin=without,
         assumed=entry.assumed(ran.filmed[experiment.id], count) if sound else (),
+        seen=ran.seen[experiment.id],
         scatter=partial(known_scatter, experiment),
     )
     shapes = comparable(entry.curves(experiment, measured.measurements, sound)) if sound else ()

@@ -316,6 +316,7 @@ def deviations(
     run_name: str = "",
     without_twin: str = "",
     assumed: Sequence[str] = (),
+    seen: str = "",
     scatter: Callable[[str], Scatter] | None = None,
 ) -> tuple[Deviation, ...]:
     """Compare each measured quantity with that of the twin.
@@ -340,6 +341,8 @@ def deviations(
         Why there is no twin.
     assumed : sequence of str
         Settings of the twin that are neither stated nor measured.
+    seen : str
+        Settings that the twin takes from the media.
     scatter : callable, optional
         Returns for the name of a quantity what is known beforehand of its scatter from repetition to repetition, and
         from run to run of a twin with a `run_name`.
@@ -371,7 +374,8 @@ def deviations(
         other = _counterpart(key, rows, twins)
         twin = None if other is None else twins[other]
         one = _deviation(experiment, rig, key, row, twin, given.get(key[0], ""), run_name, without_twin)
-        about = [f"the twin assumes {', '.join(assumed)}"] if assumed and other is not None else []
+        about = [f"the twin takes from the media {seen}"] if seen and other is not None else []
+        about += [f"the twin assumes {', '.join(assumed)}"] if assumed and other is not None else []
         one = replace(one, note="; ".join(filter(None, (one.note, *about))))
         if other is not None and other != key:
             one = replace(one, note="; ".join(filter(None, (one.note, f"the twin's method: {other[1]}"))))

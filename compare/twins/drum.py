@@ -176,12 +176,13 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
     def needs_measurement(self, experiment: Experiment) -> bool:
         return self.takes_count(experiment) and bool(experiment.repetitions)
 
-    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> Experiment:
+    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
         seen = [check.value for item in measurements for check in item.checks if check.check == "fill"]
         seen = [share for share in seen if FLOWING[0] < share < FLOWING[1]]
         if not seen or not self.takes_count(experiment):
-            return experiment
-        return replace(experiment, rig=replace(self.rig(experiment), fill=fmean(seen)))
+            return experiment, ""
+        filled = replace(self.rig(experiment), fill=fmean(seen))
+        return replace(experiment, rig=filled), f"a fill of {fmean(seen):.3g}"
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
         rig = self.rig(experiment)

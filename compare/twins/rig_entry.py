@@ -56,9 +56,9 @@ class RigEntry(ABC, Generic[Settings]):
         """Return the parameters of a contact that the twin of the experiment cannot do without."""
         return self.needs
 
-    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> Experiment:
-        """Return the experiment with settings that are not stated taken from its media, where these show them."""
-        return experiment
+    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
+        """Return the experiment with settings that are not stated taken from its media, and in words what they show."""
+        return experiment, ""
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
         """Return in words the settings of the twin that are neither stated nor measured."""

@@ -162,12 +162,13 @@ class TiltEntry(FewBodyEntry[TiltSettings]):
     def needed(self, experiment: Experiment) -> tuple[str, ...]:
         return (*self.needs, "rolling_friction") if self.rig(experiment).variant == "roll" else self.needs
 
-    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> Experiment:
+    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
         rig = self.rig(experiment)
         rates = [fmean(found) for item in measurements if (found := _rates(item))]
         if rig.speed is not None or not rates or fmean(rates) <= 0:
-            return experiment
-        return replace(experiment, rig=replace(rig, speed=math.radians(fmean(rates))))
+            return experiment, ""
+        turned = replace(rig, speed=math.radians(fmean(rates)))
+        return replace(experiment, rig=turned), f"a plate that rises by {fmean(rates):.3g} degrees per second"
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
         return ["a plate that rises by 1 degree per second"] if self.rig(experiment).speed is None else []

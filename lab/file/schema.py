@@ -586,7 +586,9 @@ class PileEntry(_ExperimentEntry):
         examples=["30 mm"],
         description="emptying: of the hole in the container's floor; needed there",
     )
-    count: Count | None = Field(default=None, description="particles poured; by default 1000")
+    count: Count | None = Field(
+        default=None, description="particles poured; by default from the volume of the filmed heap, else 1000"
+    )
 
     def faults(self) -> Iterable[tuple[str, str]]:
         if self.variant != "emptying":
@@ -609,7 +611,9 @@ class TiltEntry(_ExperimentEntry):
     arm_length: Length | None = Field(
         default=None, examples=["150 mm"], description="of the plate or arm, from hinge to tip"
     )
-    speed: Tilting | None = Field(default=None, description="with which the plate is tilted; by default 1 deg/s")
+    speed: Tilting | None = Field(
+        default=None, description="with which the plate is tilted; by default as seen in the film, else 1 deg/s"
+    )
 
 
 class PackingEntry(_ExperimentEntry):
