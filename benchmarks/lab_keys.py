@@ -252,7 +252,7 @@ def _camera(rig: str, *, in_full: bool) -> list[str]:
         if (in_full and not rigs) or rig in rigs or (key.name == "frame_rate" and not photo):
             wanted.append(key)
     header = _line("[experiments.camera]", "the same keys for every experiment") if in_full else "[experiments.camera]"
-    return _entry(header, wanted, live=set() if photo else {"frame_rate"})
+    return _entry(header, wanted)
 
 
 # ---------------------------------------------------------------------- both

@@ -184,8 +184,13 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
     console.print(escape(comparison.headline))
     if rest:
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
-    for said in dict.fromkeys(f"{row.experiment}, {title(row.quantity)}: {row.note}" for row in primary if row.note):
-        console.print(f"[dim]note:[/dim] {escape(said)}")
+    notes: dict[tuple[str, str], list[str]] = {}
+    for row in primary:
+        notes.setdefault((row.experiment, row.note), []).append(title(row.quantity))
+    for (name, note), quantities in notes.items():
+        if note:
+            of = ", ".join(dict.fromkeys([name, *quantities]))
+            console.print(f"[dim]note:[/dim] {escape(f'{of}: {note}')}")
     for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
     for warning in comparison_warnings(comparison):

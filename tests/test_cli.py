@@ -253,7 +253,7 @@ def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd,
         raise BadInput("seen")
 
     monkeypatch.setattr("rigtwin.compare.twins.pile.pile_twin", twin)
-    pile = 'rig = "pile"\nvariant = "piling"\nbase_diameter = "90 mm"\n'
+    pile = 'rig = "pile"\nvariant = "piling"\nbase_diameter = "90 mm"\ncount = 60\n'
     folder = lab_with(tmp_path, 'rig = "drop"\n', pile)
     lab = folder / "lab.toml"
     lab.write_text(lab.read_text().replace('drop_height = "300 mm"\n', ""))

@@ -19,6 +19,7 @@ from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.file.repetitions import Views, expanded
 from rigtwin.lab.file.schema import (
+    Bracketed,
     Document,
     ExperimentEntry,
     LabFile,
@@ -206,7 +207,8 @@ def _experiment(
     for number, names in enumerate(entry.repetitions):
         place: Key = (*key, "repetitions", number)
         try:
-            ones = expanded(folder, names, photos=entry.several_views, outside=allow_outside)
+            together = isinstance(names, Bracketed)
+            ones = expanded(folder, names, together=together, photos=entry.several_views, outside=allow_outside)
         except BadInput as error:
             found.append(Problem(place, str(error)))
             continue

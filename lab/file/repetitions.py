@@ -14,7 +14,7 @@ from rigtwin.lab.tracked.table import is_table
 Views = tuple[Path, ...]
 
 
-def expanded(folder: Path, names: Sequence[str], *, photos: bool, outside: bool) -> list[Views]:
+def expanded(folder: Path, names: Sequence[str], *, together: bool, photos: bool, outside: bool) -> list[Views]:
     """The repetitions that one entry of ``repetitions`` names, in natural order.
 
     Parameters
@@ -22,7 +22,9 @@ def expanded(folder: Path, names: Sequence[str], *, photos: bool, outside: bool)
     folder : Path
         The lab's folder.
     names : sequence of str
-        File names, patterns or folders; several names are views of one repetition.
+        File names, patterns or folders.
+    together : bool
+        Whether all files are views of one repetition.
     photos : bool
         Whether a repetition of the rig is a photo, so that a folder of pictures holds several; else it is one clip.
     outside : bool
@@ -34,9 +36,8 @@ def expanded(folder: Path, names: Sequence[str], *, photos: bool, outside: bool)
         If a pattern matches nothing, or a folder has nothing that can be measured.
     """
     every = [_files(folder, name, photos=photos, outside=outside) for name in names]
-    if len(every) == 1:
-        return [(view,) for view in every[0]]
-    return [tuple(view for views in every for view in views)]
+    views = tuple(view for views in every for view in views)
+    return [views] if together else [(view,) for view in views]
 
 
 def _files(folder: Path, name: str, *, photos: bool, outside: bool) -> list[Path]:

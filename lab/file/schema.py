@@ -211,11 +211,15 @@ def _text(value: Any, example: str) -> str:
     return value
 
 
+class Bracketed(list[str]):
+    """Files that stand in brackets: views of one repetition."""
+
+
 def _views(value: Any) -> list[str]:
     views = [value] if isinstance(value, str) else value
     if not isinstance(views, list) or not views or not all(isinstance(view, str) and view for view in views):
         raise BadInput(f"{value!r} is not a file name; write it like 'r01.mp4', or ['front.jpg', 'left.jpg'].")
-    return views
+    return views if isinstance(value, str) else Bracketed(views)
 
 
 def _whole(value: Any) -> int:

@@ -442,7 +442,7 @@ def test_every_line_of_the_new_lab_that_excludes_another_is_valid_by_itself(tmp_
     (tmp_path / "board.jpg").touch()
     path = tmp_path / "lab.toml"
     path.write_text(re.sub(rf"^# (?={name} = )", "", path.read_text(), flags=re.M))
-    assert read_lab(tmp_path).experiments[0].camera != Camera(frame_rate=240)
+    assert read_lab(tmp_path).experiments[0].camera != Camera()
 
 
 CAMERA_SAID_TWICE = {
@@ -535,6 +535,8 @@ def test_a_pattern_in_brackets_stands_for_the_views_of_one_pile(tmp_path):
     pile = 'variant = "piling"\nbase_diameter = "90 mm"'
     found = repetitions(tmp_path, "pile", '["p1_*.jpg", "p2.jpg"]', files, pile)
     assert found == [["p1_a.jpg", "p1_b.jpg", "p2.jpg"]]
+    assert repetitions(tmp_path, "pile", '["p1_*.jpg"], "p2.jpg"', files, pile) == [found[0][:2], ["p2.jpg"]]
+    assert repetitions(tmp_path, "pile", '"p1_*.jpg"', files, pile) == [["p1_a.jpg"], ["p1_b.jpg"]]
 
 
 @pytest.mark.parametrize(
