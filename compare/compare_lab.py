@@ -27,6 +27,7 @@ from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
+from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import preflight
 from rigtwin.compare.twins.imported import imported_for
@@ -150,7 +151,7 @@ def compare(
     lacking = {name: why for name, why in lacking.items() if name not in twins}
     settings = {"count": count, "threads": threads, "stiffness_factor": stiffness_factor, "rolling": rolling}
     with result_files.claimed(out):
-        for place in folders(experiments):
+        for place in (*folders(experiments), KEPT):
             remove_leftovers(out / place)
         ran = _measured_and_run(
             lab,

@@ -11,7 +11,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import numpy as np
 from rigtwin.compare.result_files import plain
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Check, Measurement, Quantity
 from rigtwin.lab.records import Profile, Series, Track
@@ -33,6 +34,10 @@ _RECORDS: Mapping[str, tuple[type[Any], tuple[str, ...]]] = {
     "series": (Series, ("time", "value")),
 }
 """Records of a measurement, each with the fields that are arrays."""
+_KNOWN = frozenset(
+    ("id", "rig", "particle", "wall", "camera", "repetitions", "table", "outside", "measured", "scatter")
+)
+"""Fields of an experiment that do not count in measuring, or are in the key already."""
 
 
 class KeptMeasurements:
@@ -58,7 +63,9 @@ class KeptMeasurements:
         camera = asdict(experiment.camera)
         if experiment.camera.board is not None:
             camera["board"]["photo"] = sha256(experiment.camera.board.photo)
+        further = {one.name: getattr(experiment, one.name) for one in fields(experiment) if one.name not in _KNOWN}
         settings = {
+            **further,
             "rig": experiment.rig_name,
             "known": dict(known),
             "camera": camera,
@@ -83,7 +90,8 @@ class KeptMeasurements:
                 found = _measurement(document, dict(file), views[0], self._out)
         except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile):  # none, or damaged
             return None
-        return found if all(path.is_file() for path in found.files.values()) else None
+        pictures = found.files.values()
+        return found if all(path.is_file() and not lies_outside(path, self._out) for path in pictures) else None
 
     def keep(self, key: str, found: Measurement | str) -> None:
         """Keep a measurement, or why it failed."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare import result_files
 from rigtwin.compare.chosen import chosen
 from rigtwin.compare.deviation import Deviation, deviations
+from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import need_fitting_media
 from rigtwin.lab.file.lab_file import Lab, read_lab
@@ -144,7 +145,7 @@ def measure_lab(
     experiments = chosen(lab, only)
     need_fitting_media(lab, experiments)
     with result_files.claimed(out):
-        for place in folders(experiments):
+        for place in (*folders(experiments), KEPT):
             remove_leftovers(out / place)
         with measuring(experiments, out, workers, again=again) as pending:
             found: Mapping[str, Measured] = pending.results(progress)

@@ -151,6 +151,19 @@ def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_pat
     assert sorted(measured) == (["bed.csv"] if damage == "pictures" else ["bed.csv", "r1.csv", "r10.csv", "r2.csv"])
 
 
+def test_a_kept_document_shows_no_file_outside_the_folder_of_results(lab, tmp_path, measured):
+    out = tmp_path / "out"
+    measure_lab(lab, out)
+    (tmp_path / "secret.png").write_text("secret")
+    for path in (out / "measured").glob("*.json"):
+        document = json.loads(path.read_text())
+        path.write_text(json.dumps({**document, "files": {"still": "../secret.png"}}))
+    measured.clear()
+    again = measure_lab(lab, out)
+    assert len(measured) == 4
+    assert "secret" not in json.dumps(again.to_json())
+
+
 def test_a_repetition_that_cannot_be_measured_is_named_and_not_tried_again(lab, tmp_path, measured, capsys):
     (lab / "drops" / "r3.csv").write_text("time_s,x_m,y_m\n0,0,0.1\n0.01,0,0.1\n")
     assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 0
