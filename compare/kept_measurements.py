@@ -63,7 +63,8 @@ class KeptMeasurements:
         camera = asdict(experiment.camera)
         if experiment.camera.board is not None:
             camera["board"]["photo"] = sha256(experiment.camera.board.photo)
-        further = {one.name: getattr(experiment, one.name) for one in fields(experiment) if one.name not in _KNOWN}
+        names = {one.name for one in fields(experiment)} - _KNOWN
+        further = {name: _of_views(getattr(experiment, name), views) for name in names}
         settings = {
             **further,
             "rig": experiment.rig_name,
@@ -107,6 +108,13 @@ class KeptMeasurements:
 
     def _place(self, key: str, suffix: str) -> Path:
         return self._out / FOLDER / f"{key}{suffix}"
+
+
+def _of_views(value: Any, views: Sequence[Path]) -> Any:
+    """What a field says of these files, where it says something of each file."""
+    if isinstance(value, Mapping) and all(isinstance(name, Path) for name in value):
+        return {view.name: value[view] for view in views if view in value}
+    return value
 
 
 @cache
