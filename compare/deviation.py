@@ -612,7 +612,7 @@ def _verdict(
         certainty = "probably " if abs(z) < _coverage(freedom, SURE) else ""
         return f"twin {certainty}too {'high' if z > 0 else 'low'}"
     half = (span if math.isfinite(span) else 2.0) * (0.0 if percent is None else percent[1])  # [%]
-    if abs(z) < 2 and half <= UNINFORMATIVE:
+    if half <= UNINFORMATIVE and (abs(z) < 2 or math.isfinite(span)):
         return "agrees"
     # what more repetitions would leave
     if percent is None or abs(z) >= 2:
