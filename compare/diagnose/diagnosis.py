@@ -29,7 +29,7 @@ from rigtwin.compare.diagnose.models.roll import LEVER, RollBench, both_ways, on
 from rigtwin.compare.diagnose.models.slide import SlideBench
 from rigtwin.compare.diagnose.selection.bent_laws import OTHER_SIZE
 from rigtwin.compare.diagnose.selection.candidate import Candidate, refused, surprise
-from rigtwin.compare.diagnose.selection.formula import Formula, find_formula, fixed_forms
+from rigtwin.compare.diagnose.selection.formula import Formula, any_form, find_formula, fixed_forms
 from rigtwin.compare.diagnose.selection.gap import Beside, Gap, beside, closed, gap, names, noise_floor
 from rigtwin.compare.diagnose.selection.locate import Disagreement, Location, locate
 from rigtwin.compare.diagnose.selection.name_effects import ALARM, FORM, Naming, name_effects, spread_of
@@ -241,21 +241,21 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     best, location = naming.best, naming.location
     plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
     loud = _remains(bench, location, naming.base) or max((one.score for one in naming.tried), default=0.0) > FORM
-    if best is None and not loud:
-        return replace(plain, reason="the data agree with the model within noise, scatter and stated calibration")
-    asked = best is None or _more_to_say(bench, best)
-    forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if asked else []
-    alone = max(forms, key=lambda one: one.gain, default=None)
     if best is None:
+        alone = any_form(bench, naming, progress)
         if alone is not None and alone.gain > FORM and not alone.reason and not _all_once(bench):
             why = "no listed effect explains the disagreement with plausible coefficients"
             return replace(plain, verdict="unlisted", reason=why)
+        if not loud:
+            return replace(plain, reason="the data agree with the model within noise, scatter and stated calibration")
         if location.p < CERTAIN:
             return replace(
                 plain, verdict="unlisted", reason="data and twin disagree, and no listed effect describes how"
             )
         why = "data and twin disagree, but no listed effect and no simple formula describes how"
         return replace(plain, verdict="undecided", reason=why + _by_chance(bench))
+    forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if _more_to_say(bench, best) else []
+    alone = max(forms, key=lambda one: one.gain, default=None)
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
         best, naming = _from_there(bench, naming, best, alone)
         plain = replace(plain, naming=naming)
