@@ -44,6 +44,7 @@ from rigtwin.sim.effects.nameless_terms import nameless
 
 MOST_RIVALS = 3  # largest number of rival sets for which the next experiment is computed
 SURE = 1e-4  # p-value of the residual statistic below which a disagreement remains
+SEEN = 0.05  # p-value below which an effect of an implausible size alone is a reason to look further
 CERTAIN = 1e-8  # p-value below which data and model disagree even if no effect describes how
 CLEARLY = 1.5  # gap in noise floors above which the closed share is meaningful
 SIZE_EXPONENT = "size_exponent"  # parameter of the laws with a free dependence on the size
@@ -240,7 +241,8 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     """Verdict from the fitted candidates; nameless terms test whether the listed effects suffice."""
     best, location = naming.best, naming.location
     plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
-    loud = _remains(bench, location, naming.base) or max((one.score for one in naming.tried), default=0.0) > FORM
+    refused = max((one.score for one in naming.tried), default=0.0) > FORM and location.p < SEEN
+    loud = refused or _remains(bench, location, naming.base)
     if best is None:
         alone = any_form(bench, naming, progress)
         if alone is not None and alone.gain > FORM and not alone.reason and not _all_once(bench):

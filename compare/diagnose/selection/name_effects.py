@@ -449,9 +449,6 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
         # there may be another minimum in the physical range, e.g. lower friction during sliding instead of higher
         # friction with which the clump would climb the arm
         fits.append(fitted(**_begun(near, {name: parameter.typical})))
-    elif min(parameter.starts, default=0.0) < 0 < max(parameter.starts, default=0.0):
-        # either sign may be a minimum: a bead thrown up and one pushed down both arrive at another time
-        fits.append(fitted(**_begun(near, {name: -fits[0].value(name)})))
     if not (lost or near.terms) and max((abs(pull) for pull in near.pulls.values()), default=0.0) > STRAINED:
         # a calibration that the baseline strains may have led into another minimum: begin with the stated one
         fits.append(fitted(start={name: parameter.typical}))
