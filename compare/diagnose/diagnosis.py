@@ -22,6 +22,8 @@ from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.fitting.strained import calibration, strained
+from rigtwin.compare.diagnose.fitting.wide_scatter import in_words as in_words_of_scatter
+from rigtwin.compare.diagnose.fitting.wide_scatter import scatter_found, wide
 from rigtwin.compare.diagnose.models.double_pendulum import DoubleBench
 from rigtwin.compare.diagnose.models.drop import DropBench
 from rigtwin.compare.diagnose.models.pendulum import PendulumBench
@@ -84,11 +86,13 @@ class Diagnosis:
     def to_json(self) -> dict[str, Any]:
         """The document of `diagnosis.json`."""
         naming, chosen = self.naming, self.chosen
-        calibrated = calibration(chosen.fitted if chosen else naming.base) if naming else []
+        fitted = chosen.fitted if chosen else naming.base if naming else None
+        calibrated = calibration(fitted) if fitted else []
         return {
             "verdict": self.verdict,
             "reason": self.reason,
             "strained": strained(calibrated),
+            "scatter": scatter_found(self.bench, fitted) if fitted else [],
             "lab": self.lab.title,
             "rig": self.lab.rig,
             "left_out": list(self.left_out),
@@ -195,6 +199,7 @@ def diagnose(
 def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | None) -> Diagnosis:
     """The verdict with gap, stability, next experiments, runner-up and placebo."""
     assert verdict.naming is not None
+    verdict = _with_scatter(bench, verdict)
     chosen = verdict.chosen
     sizes = sizes or gap(bench, lab, verdict.naming.base, chosen.fitted if chosen else None)
     return replace(
@@ -204,6 +209,17 @@ def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | No
         designs=_designs(verdict),
         beside=_beside(verdict, sizes),
     )
+
+
+def _with_scatter(bench: Regioned, verdict: Diagnosis) -> Diagnosis:
+    """The verdict with a remark on unusual scatter; undecided where nothing was repeated, as that may be the effect."""
+    assert verdict.naming is not None
+    fitted = verdict.chosen.fitted if verdict.chosen else verdict.naming.base
+    scattered = in_words_of_scatter(wide(scatter_found(bench, fitted)))
+    if not scattered:
+        return verdict
+    found = replace(verdict, reason=f"{verdict.reason}; {scattered}")
+    return replace(found, verdict="undecided", chosen=None) if _all_once(bench) and verdict.chosen else found
 
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:

@@ -14,7 +14,7 @@ from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import Runs
 from rigtwin.compare.diagnose.models.sensitivities import STEADY, Moved
-from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.compare.diagnose.models.unknown import USUAL_FRICTION, Scattered, Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.track import place_at, ride
@@ -23,6 +23,7 @@ KINETIC = 0.003
 """Standard deviation from run to run of the kinetic less the static friction coefficient, where a fit begins."""
 MOST_KINETIC = 0.01
 """Largest standard deviation of that; a baseline with a larger one would take up a friction drop as scatter."""
+USUAL_KINETIC = 3 * KINETIC
 HALF_NORMAL = 0.4  # mean of the negative half of a normal distribution over its standard deviation, the other half zero
 TRACKED_POINT = 5e-4  # [m], standard uncertainty of the height of the tracked point above the arm, in each repetition
 
@@ -55,6 +56,10 @@ class SlideBench(Runs):
         self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
         pairs = len(self.pairs)
         self.scatter = np.stack([self.pair, np.full(count, pairs)], axis=1)
+        self.scattered = [
+            *(Scattered(f"static friction of {pair}", "1", USUAL_FRICTION) for pair in self.pairs),
+            Scattered("kinetic less static friction", "1", USUAL_KINETIC),
+        ]
         self.scatter_start = np.array([*([0.01] * pairs), KINETIC])
         self.scatter_most = np.array([*([np.inf] * pairs), MOST_KINETIC])
 
