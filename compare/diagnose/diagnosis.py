@@ -199,9 +199,10 @@ def diagnose(
 def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | None) -> Diagnosis:
     """The verdict with gap, stability, next experiments, runner-up and placebo."""
     assert verdict.naming is not None
-    verdict = _with_scatter(bench, verdict)
+    base = verdict.naming.base
+    verdict = _with_scatter(bench, verdict, base)
     chosen = verdict.chosen
-    sizes = sizes or gap(bench, lab, verdict.naming.base, chosen.fitted if chosen else None)
+    sizes = sizes or gap(bench, lab, base, chosen.fitted if chosen else None)
     return replace(
         verdict,
         gap=sizes,
@@ -211,10 +212,9 @@ def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | No
     )
 
 
-def _with_scatter(bench: Regioned, verdict: Diagnosis) -> Diagnosis:
+def _with_scatter(bench: Regioned, verdict: Diagnosis, base: Fit) -> Diagnosis:
     """The verdict with a remark on unusual scatter; undecided where nothing was repeated, as that may be the effect."""
-    assert verdict.naming is not None
-    fitted = verdict.chosen.fitted if verdict.chosen else verdict.naming.base
+    fitted = verdict.chosen.fitted if verdict.chosen else base
     scattered = in_words_of_scatter(wide(scatter_found(bench, fitted)))
     if not scattered:
         return verdict

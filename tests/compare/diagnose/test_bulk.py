@@ -227,6 +227,17 @@ def test_piles_of_a_lab_toml_are_diagnosed_too(tmp_path, by_law):
     assert [one.name for one in found.lab.conditions] == ["base90"]
 
 
+def test_experiments_of_a_lab_toml_with_other_rigs_are_left_out_with_a_word(tmp_path, by_law):
+    lab = notebook(write(tmp_path / "lab", PILES))
+    with (lab / "lab.toml").open("a") as file:
+        file.write(
+            '[[experiments]]\nid = "fall"\nrig = "drop"\nparticle = "bead"\nwall = "plate"\n'
+            'drop_height = "200 mm"\nrepetitions = ["base90/rep01/results.json"]\n'
+        )
+    found, _ = diagnose_folder(lab, tmp_path / "out")
+    assert "fall: a drop is not diagnosed together with base90; ask for it with --only fall" in found.left_out
+
+
 def test_different_coefficients_of_rolling_friction_are_changed_by_one_factor(tmp_path, by_law):
     contact = CONTACT | {"rolling_friction_pp": 0.12, "rolling_friction_pw": 0.03}
     diagnose_folder(write(tmp_path / "lab", PILES, rolling=0.12, contact=contact), tmp_path / "out")
