@@ -1,6 +1,6 @@
 """Verdicts on labs with many particles that LIGGGHTS has made: piles, packings, drums, hoppers, pairs and two sizes.
 
-    SEED=7 COUNT=20 python benchmarks/diagnose/bulk.py
+    python benchmarks/diagnose/bulk.py --seed 7 --count 20
 
 A lab states one material and one or two rigs of some 500 to 800 beads, with three repetitions; LIGGGHTS computes them
 with one thing otherwise than stated, or, in each fourth lab, with nothing.  Stated coefficients, scale and camera are a
@@ -8,11 +8,12 @@ little off within their uncertainties, also in labs without an effect.  Labs of 
 their twins are kept in one store, as a campaign on one material would.  Whether an effect is visible at all is judged
 without rigtwin's twins, by labs that LIGGGHTS makes exactly as stated: an effect that changes no number by more than
 `VISIBLE` standard errors is counted apart.  Finished labs and answers are kept in ``out/bench-diagnose-bulk``, so that
-the benchmark continues; delete the folder to begin anew.
+the benchmark continues; delete the folder to begin anew.  Also `SEED=`, `COUNT=` and `WORKERS=` in the environment.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
 import os
@@ -353,16 +354,14 @@ def visibility(folder: Path, case: Case, seed: int) -> float:
     return most
 
 
-def answer(folder: Path, case: Case, seed: int) -> dict[str, Any]:
+def answer(folder: Path, case: Case, seed: int, workers: int) -> dict[str, Any]:
     """The answer to a lab, and whether it is right; read where it was given before."""
     kept = folder / "answer.json"
     if kept.is_file():
         return dict(json.loads(kept.read_text()))
     make_lab(folder, case, seed)
     begun = time.perf_counter()
-    found, _ = diagnose_folder(
-        folder / "lab", folder / "diagnosis", store=FOLDER / f"runs-{seed}", workers=int(os.environ.get("WORKERS", "2"))
-    )
+    found, _ = diagnose_folder(folder / "lab", folder / "diagnosis", store=FOLDER / f"runs-{seed}", workers=workers)
     said = found.to_json()
     names = [one["effect"] for one in said["effects"]]
     result = {
@@ -404,12 +403,17 @@ def held_out(found: Sequence[Mapping[str, Any]]) -> list[float]:
 
 
 def main() -> int:
-    seed, count = int(os.environ.get("SEED", "1")), int(os.environ.get("COUNT") or small("16", "1"))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))
+    parser.add_argument("--count", type=int, default=int(os.environ.get("COUNT") or small("16", "1")))
+    parser.add_argument("--workers", type=int, default=int(os.environ.get("WORKERS", "2")))
+    given = parser.parse_args()
     if shutil.which(BINARY["liggghts"]) is None:
         return report(TARGET, [skipped("verdicts", "liggghts is not installed")] * 6)
     found = []
-    for case in cases(seed, count):
-        found.append(answer(FOLDER / f"lab-{seed}-{case.number:02d}", case, seed))
+    for case in cases(given.seed, given.count):
+        folder = FOLDER / f"lab-{given.seed}-{case.number:02d}"
+        found.append(answer(folder, case, given.seed, given.workers))
         sys.stderr.write(f"{in_words(found[-1])}; {found[-1]['seconds']:.0f} s\n")
     hidden = [one for one in found if one["effect"] and one["visibility"] <= VISIBLE]
     real = [one for one in found if one["effect"] and one["visibility"] > VISIBLE]

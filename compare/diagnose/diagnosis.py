@@ -22,6 +22,8 @@ from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.fitting.strained import calibration, strained
+from rigtwin.compare.diagnose.fitting.wide_scatter import in_words as in_words_of_scatter
+from rigtwin.compare.diagnose.fitting.wide_scatter import scatter_found, wide
 from rigtwin.compare.diagnose.models.double_pendulum import DoubleBench
 from rigtwin.compare.diagnose.models.drop import DropBench
 from rigtwin.compare.diagnose.models.pendulum import PendulumBench
@@ -29,7 +31,7 @@ from rigtwin.compare.diagnose.models.roll import LEVER, RollBench, both_ways, on
 from rigtwin.compare.diagnose.models.slide import SlideBench
 from rigtwin.compare.diagnose.selection.bent_laws import OTHER_SIZE
 from rigtwin.compare.diagnose.selection.candidate import Candidate, refused, surprise
-from rigtwin.compare.diagnose.selection.formula import Formula, find_formula, fixed_forms
+from rigtwin.compare.diagnose.selection.formula import Formula, any_form, find_formula, fixed_forms
 from rigtwin.compare.diagnose.selection.gap import Beside, Gap, beside, closed, gap, names, noise_floor
 from rigtwin.compare.diagnose.selection.locate import Disagreement, Location, locate
 from rigtwin.compare.diagnose.selection.name_effects import ALARM, FORM, Naming, name_effects, spread_of
@@ -44,6 +46,7 @@ from rigtwin.sim.effects.nameless_terms import nameless
 
 MOST_RIVALS = 3  # largest number of rival sets for which the next experiment is computed
 SURE = 1e-4  # p-value of the residual statistic below which a disagreement remains
+SEEN = 0.05  # p-value below which an effect of an implausible size alone is a reason to look further
 CERTAIN = 1e-8  # p-value below which data and model disagree even if no effect describes how
 CLEARLY = 1.5  # gap in noise floors above which the closed share is meaningful
 SIZE_EXPONENT = "size_exponent"  # parameter of the laws with a free dependence on the size
@@ -83,11 +86,13 @@ class Diagnosis:
     def to_json(self) -> dict[str, Any]:
         """The document of `diagnosis.json`."""
         naming, chosen = self.naming, self.chosen
-        calibrated = calibration(chosen.fitted if chosen else naming.base) if naming else []
+        fitted = chosen.fitted if chosen else naming.base if naming else None
+        calibrated = calibration(fitted) if fitted else []
         return {
             "verdict": self.verdict,
             "reason": self.reason,
             "strained": strained(calibrated),
+            "scatter": scatter_found(self.bench, fitted) if fitted else [],
             "lab": self.lab.title,
             "rig": self.lab.rig,
             "left_out": list(self.left_out),
@@ -194,8 +199,10 @@ def diagnose(
 def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | None) -> Diagnosis:
     """The verdict with gap, stability, next experiments, runner-up and placebo."""
     assert verdict.naming is not None
+    base = verdict.naming.base
+    verdict = _with_scatter(bench, verdict, base)
     chosen = verdict.chosen
-    sizes = sizes or gap(bench, lab, verdict.naming.base, chosen.fitted if chosen else None)
+    sizes = sizes or gap(bench, lab, base, chosen.fitted if chosen else None)
     return replace(
         verdict,
         gap=sizes,
@@ -203,6 +210,16 @@ def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | No
         designs=_designs(verdict),
         beside=_beside(verdict, sizes),
     )
+
+
+def _with_scatter(bench: Regioned, verdict: Diagnosis, base: Fit) -> Diagnosis:
+    """The verdict with a remark on unusual scatter; undecided where nothing was repeated, as that may be the effect."""
+    fitted = verdict.chosen.fitted if verdict.chosen else base
+    scattered = in_words_of_scatter(wide(scatter_found(bench, fitted)))
+    if not scattered:
+        return verdict
+    found = replace(verdict, reason=f"{verdict.reason}; {scattered}")
+    return replace(found, verdict="undecided", chosen=None) if _all_once(bench) and verdict.chosen else found
 
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:
@@ -240,22 +257,23 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     """Verdict from the fitted candidates; nameless terms test whether the listed effects suffice."""
     best, location = naming.best, naming.location
     plain = Diagnosis(lab, "none", "", location, naming, bench=bench)
-    loud = _remains(bench, location, naming.base) or max((one.score for one in naming.tried), default=0.0) > FORM
-    if best is None and not loud:
-        return replace(plain, reason="the data agree with the model within noise, scatter and stated calibration")
-    asked = best is None or _more_to_say(bench, best)
-    forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if asked else []
-    alone = max(forms, key=lambda one: one.gain, default=None)
+    refused = max((one.score for one in naming.tried), default=0.0) > FORM and location.p < SEEN
+    loud = refused or _remains(bench, location, naming.base)
     if best is None:
+        alone = any_form(bench, naming, progress)
         if alone is not None and alone.gain > FORM and not alone.reason and not _all_once(bench):
             why = "no listed effect explains the disagreement with plausible coefficients"
             return replace(plain, verdict="unlisted", reason=why)
+        if not loud:
+            return replace(plain, reason="the data agree with the model within noise, scatter and stated calibration")
         if location.p < CERTAIN:
             return replace(
                 plain, verdict="unlisted", reason="data and twin disagree, and no listed effect describes how"
             )
         why = "data and twin disagree, but no listed effect and no simple formula describes how"
         return replace(plain, verdict="undecided", reason=why + _by_chance(bench))
+    forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if _more_to_say(bench, best) else []
+    alone = max(forms, key=lambda one: one.gain, default=None)
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
         best, naming = _from_there(bench, naming, best, alone)
         plain = replace(plain, naming=naming)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from rigtwin.compare.campaign.vary import Setting, at
+from rigtwin.compare.campaign.vary import Setting, at, contact_pair, of_contact
 from rigtwin.compare.diagnose.bulk.bulk_lab import BulkCondition, BulkLab
 from rigtwin.compare.diagnose.bulk.observables import Distortion
 from rigtwin.lab.clumps import clump
@@ -35,6 +35,9 @@ DELAY = 0.5  # [s]
 BED_READ = 0.3  # [bead diameters], standard uncertainty of how the height of a bed is read
 SURFACE_READ = 0.3  # [bead radii], standard uncertainty of how the surface in a drum is read
 STARTED = 0.01  # [s], standard uncertainty of the moment of opening
+
+Change = Callable[[Setting, float], Setting]
+"""Makes the experiment and the model of a twin at a value."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Axis:
     value: Callable[[float], float]
     std: float = 0.0
     levels: tuple[float, ...] = ()
-    setting: Callable[[Setting, float], Setting] | None = None
+    setting: Change | None = None
     distortion: Callable[[float], Distortion] | None = None
     mass: Callable[[float], float] | None = None
     rigs: tuple[str, ...] = ("pile", "packing", "drum", "hopper")
@@ -100,9 +103,23 @@ def twin_setting(lab: BulkLab, condition: BulkCondition, point: Mapping[Axis, fl
     return found
 
 
-def _named(*names: str, factor: float = 1.0) -> Callable[[Setting, float], Setting]:
+def _stated(setting: Setting, parameter: str) -> float:
+    """A coefficient of a contact, as the experiment states it; 0 where it states none."""
+    contact = setting.model.known_contact(*contact_pair(parameter, setting.experiment))
+    return getattr(contact, of_contact(parameter)) or 0.0
+
+
+def _coefficients(of_first: Mapping[str, float], *, stated: float) -> Change:
+    """A setting with other coefficients of contacts: `of_first` if their common value is `stated`.
+
+    An experiment that states others has its own changed by the same factor.
+    """
+
     def moved(setting: Setting, value: float) -> Setting:
-        return at(setting, dict.fromkeys(names, value * factor))
+        factor = value / stated if stated > 0 else math.inf
+        own = {name: _stated(setting, name) for name in of_first}
+        scaled = {name: own[name] * factor for name in own if own[name] > 0 and stated > 0}
+        return at(setting, {name: scaled.get(name, value * share) for name, share in of_first.items()})
 
     return moved
 
@@ -117,43 +134,42 @@ def _about(stated: float, most: float = math.inf, factor: float = FACTOR) -> Cal
     return value
 
 
-def _up_to(most: float) -> Callable[[float], float]:
-    """From zero; small values take a larger part of the coordinate."""
-    return lambda coordinate: most * coordinate * abs(coordinate)
+def _up_to(most: float, stated: float = 0.0) -> Callable[[float], float]:
+    """Upwards from a stated value near zero; small values take a larger part of the coordinate."""
+    return lambda coordinate: stated + (most - stated) * coordinate * abs(coordinate)
 
 
-def _friction(name: str, parameter: str, meaning: str, stated: float, std: float, rigs: Sequence[str] = ()) -> Axis:
+def _friction(name: str, meaning: str, stated: float, std: float, moved: Change, rigs: Sequence[str] = ()) -> Axis:
     """The axis of a coefficient of friction."""
     everywhere = tuple(rigs) or ("pile", "packing", "drum", "hopper")
     levels: tuple[float, ...]
     if stated < 2 * std or stated <= 0:
-        value, symmetric, levels = _up_to(1.0), False, (0.4, 0.7, 1.0)
+        value, symmetric, levels = _up_to(1.0, stated), False, (0.4, 0.7, 1.0)
         spread = math.sqrt(std)
     else:
         value, symmetric, levels = _about(stated, MOST_FRICTION), True, (-1.0, -0.5, 0.5, 1.0)
         spread = std / stated / math.log(FACTOR)
-    return Axis(name, "1", meaning, value, spread, levels, _named(parameter), rigs=everywhere, symmetric=symmetric)
+    return Axis(name, "1", meaning, value, spread, levels, moved, rigs=everywhere, symmetric=symmetric)
 
 
 def _contact_axes(lab: BulkLab) -> Iterator[Axis]:
     wall, like = lab.contacts(lab.conditions[0])
     known = lab.uncertain
-    yield _rolling(lab, wall.rolling_friction, known.rolling)
-    yield _friction("static_friction", "static_friction", "between particles", like.static_friction, known.friction)
-    yield _friction(
-        "wall_static_friction", "wall_static_friction", "of particles and wall", wall.static_friction, known.friction
-    )
+    yield _rolling(lab, wall.rolling_friction or like.rolling_friction / lab.arm)
+    for name, meaning, stated in (
+        ("static_friction", "between particles", like.static_friction),
+        ("wall_static_friction", "of particles and wall", wall.static_friction),
+    ):
+        yield _friction(name, meaning, stated, known.friction, _coefficients({name: 1.0}, stated=stated))
     drums = [one.experiment.rig for one in lab.conditions if isinstance(one.experiment.rig, DrumSettings)]
     if drums:
         stated = wall.static_friction if drums[0].end_wall_friction is None else drums[0].end_wall_friction
-        yield _friction(
-            "end_wall_friction", "end_wall_friction", "of particles and end walls", stated, known.friction, ("drum",)
-        )
-    e = like.restitution, wall.restitution
+        name = "end_wall_friction"
+        yield _friction(name, "of particles and end walls", stated, known.friction, _end_walls, ("drum",))
 
     def livelier(setting: Setting, change: float) -> Setting:
-        both = zip(("restitution", "wall_restitution"), e, strict=True)
-        return at(setting, {name: min(max(one + change, 0.05), 0.98) for name, one in both})
+        own = {name: _stated(setting, name) for name in ("restitution", "wall_restitution")}
+        return at(setting, {name: min(max(one + change, 0.05), 0.98) for name, one in own.items()})
 
     yield Axis(
         "restitution", "1", "of all contacts, over the stated ones", lambda u: RESTITUTION * u,
@@ -162,12 +178,14 @@ def _contact_axes(lab: BulkLab) -> Iterator[Axis]:
     yield _cohesion(lab)
 
 
-def _rolling(lab: BulkLab, stated: float, std: float) -> Axis:
+def _end_walls(setting: Setting, value: float) -> Setting:
+    return at(setting, {"end_wall_friction": value})
+
+
+def _rolling(lab: BulkLab, stated: float) -> Axis:
     """One coefficient of rolling friction for all contacts, in the lab's convention."""
-
-    def moved(setting: Setting, value: float) -> Setting:
-        return at(setting, {"rolling_friction": lab.arm * value, "wall_rolling_friction": value})
-
+    std = lab.uncertain.rolling
+    moved = _coefficients({"rolling_friction": lab.arm, "wall_rolling_friction": 1.0}, stated=stated)
     meaning = "coefficient of rolling friction, in the lab's convention"
     if stated <= 0:
         return Axis(
@@ -199,7 +217,8 @@ def _cohesion(lab: BulkLab) -> Axis:
     strongest = min(energy_density(lab, one, MOST_BOND) for one in lab.conditions)
     return Axis(
         COHESION, "J/m^3", "pull of a contact over its area, of particles and walls",
-        lambda u: strongest * abs(u) ** (2 / 3), 0.0, (0.15, 0.4, 0.7, 1.0), _named(COHESION), symmetric=False,
+        lambda u: strongest * abs(u) ** (2 / 3), 0.0, (0.15, 0.4, 0.7, 1.0),
+        lambda setting, value: at(setting, {COHESION: value}), symmetric=False,
     )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ from rigtwin.compare.diagnose.bulk.response import Response, response_of
 from rigtwin.compare.diagnose.bulk.twin_design import Twins
 from rigtwin.compare.diagnose.fitting.strained import strained
 from rigtwin.compare.diagnose.selection.gap import Gap
+from rigtwin.compare.diagnose.selection.locate import Disagreement
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.formatting import unit_of
@@ -42,18 +43,6 @@ NEAR = 20.0  # difference in score from the best up to which one is
 FEWEST = 3  # repetitions of a lab in all
 FAR = 3.0  # standard uncertainties from which a number is listed among those that disagree
 NOISE = "scatter of the repetitions and of the twins from seed to seed, and a percent by which two codes may differ"
-
-
-@dataclass(frozen=True)
-class Differing:
-    """A measured number that the baseline does not give."""
-
-    experiment: str
-    record: str
-    region: str
-    z: float
-    p_adjusted: float
-    deviation: float  # [m], NaN where it is not a length
 
 
 @dataclass(frozen=True)
@@ -83,7 +72,7 @@ class BulkDiagnosis:
         return self.naming.reason
 
     @property
-    def where(self) -> tuple[Differing, ...]:
+    def where(self) -> tuple[Disagreement, ...]:
         return tuple(sorted(_differing(self.responses, self.naming.base), key=lambda one: -abs(one.z)))
 
     @property
@@ -233,7 +222,7 @@ def _likely(naming: BulkNaming) -> list[Any]:
     return [one.point for one in plausible if top - one.score < NEAR][:4]
 
 
-def _differing(responses: Sequence[Response], base: BulkFit) -> Iterator[Differing]:
+def _differing(responses: Sequence[Response], base: BulkFit) -> Iterator[Disagreement]:
     from scipy.stats import norm
 
     whole = numbers(responses)
@@ -244,13 +233,13 @@ def _differing(responses: Sequence[Response], base: BulkFit) -> Iterator[Differi
             z = float(value / std) if std > 0 else 0.0
             if abs(z) > FAR:
                 kind = "record" if (unit in ("m", "s") and "line" in name) or "time" in name else "result"
-                yield Differing(
+                yield Disagreement(
                     one.features.condition.name, kind, name.replace("_", " "), z,
                     min(1.0, whole * 2 * float(norm.sf(abs(z)))), float(value) if unit == "m" else math.nan,
                 )  # fmt: skip
 
 
-def where_in_words(found: Sequence[Differing], tested: int) -> str:
+def where_in_words(found: Sequence[Disagreement], tested: int) -> str:
     """Where measurement and baseline differ, in one sentence."""
     if not found:
         return f"nowhere: none of {tested} numbers differs by more than {FAR:g} standard uncertainties"
@@ -374,18 +363,18 @@ def _sensitivity(naming: BulkNaming) -> str:
 
 def _model(found: BulkDiagnosis) -> Model:
     """The lab's model with the physical effects that were named."""
-    model = found.lab.model
-    best = found.shown
+    model, best = found.lab.model, found.shown
     if best is None:
         return model
-    point = best.point
+    contacts, particles, effects = dict(model.contacts), dict(model.particles), dict(model.effects)
     for condition in found.lab.conditions:
-        setting = twin_setting(replace(found.lab, model=model), condition, point)
-        model = setting.model
-        bead = setting.experiment.particle
-        if bead.shape is None and bead.name in model.particles:
-            model = replace(model, particles={**model.particles, bead.name: bead})
-    return model
+        experiment, changed = twin_setting(found.lab, condition, best.point)
+        contacts |= {pair: one for pair, one in changed.contacts.items() if one != model.contacts.get(pair)}
+        effects |= changed.effects
+        bead = experiment.particle
+        if bead.shape is None and bead.name in particles:
+            particles[bead.name] = bead
+    return replace(model, contacts=contacts, particles=particles, effects=effects)
 
 
 def not_in_the_model(found: BulkDiagnosis) -> list[str]:

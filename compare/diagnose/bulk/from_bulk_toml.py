@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rigtwin.compare.diagnose.bulk.bulk_lab import BulkCondition, BulkLab, Record, Uncertain
+from rigtwin.compare.diagnose.data.from_lab_toml import not_diagnosed
 from rigtwin.compare.measure_repetitions import Measured, measuring
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
@@ -44,11 +45,11 @@ def bulk_lab_of(
         )
     with measuring(bulk, out, workers) as pending:
         measured = pending.results(progress)
-    return _lab(lab, bulk, measured)
+    return _lab(lab, bulk, measured, [] if only else not_diagnosed(lab, bulk))
 
 
-def _lab(lab: Lab, bulk: Sequence[Experiment], measured: Mapping[str, Measured]) -> BulkLab:
-    conditions, left_out = [], []
+def _lab(lab: Lab, bulk: Sequence[Experiment], measured: Mapping[str, Measured], not_asked: Sequence[str]) -> BulkLab:
+    conditions, left_out = [], list(not_asked)
     for one in bulk:
         found = measured[one.id]
         left_out += [f"{one.id}: {failure.source.name} was left out: {failure.message}" for failure in found.failures]

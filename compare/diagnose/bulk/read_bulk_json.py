@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +122,15 @@ RESULTS = {
     "stuck": ("number", ("particles_left", "particles_remaining", "particles_in_hopper", "particles_stuck")),
 }
 """Numbers of results.json that are understood."""
+RESTITUTION = ("restitution",)
+FRICTION = ("static_friction", "sliding_friction", "friction")
+ROLLING = ("rolling_friction",)
+AMONG, AT_WALL, END_WALL = ("_pp", ""), ("_pw", ""), ("_pe", "_end", "_end_wall")
+"""Beginnings and ends of the keys of coefficients."""
+CONTACT = {
+    *(f"{stem}{end}" for stem in (*RESTITUTION, *FRICTION, *ROLLING) for end in (*AMONG, *AT_WALL, *END_WALL)),
+    "friction_uncertainty", "restitution_uncertainty", "rolling_friction_uncertainty",
+}  # fmt: skip
 COLUMNS = {"profile.csv": ("x_m", "height_m"), "discharge.csv": ("time_s", "mass_g")}
 FLAT = 1e-3  # [1], height of the cone of a flat floor, over its width
 ROWS = 10  # of a record at least
@@ -174,10 +183,13 @@ def read_bulk_lab(path: Path, *, allow_outside: bool = False) -> BulkLab:
         bead = _particle(bead_of(document, one, file, name), file)
         wall = _wall(document, one, bead)
         of_rig: dict[str, Any] = found if isinstance(found := document.get(rig), dict) else {}
-        settings = _settings(rig, {**document.get("rig_geometry", {}), **of_rig, **one}, document, file, name)
+        stated = {**document.get("rig_geometry", {}), **of_rig, **one}
+        settings, unread = _settings(rig, stated, document, file, name)
+        left_out += [f"{name}: {key} is not used" for key in unread]
         records = tuple(_records(file, one, name, rig, allow_outside, left_out))
         conditions.append(BulkCondition(Experiment(name, settings, bead, wall, Camera(), ()), records))
         contacts |= _contacts(document, bead, wall, file)
+        left_out += [f"contact: {key} is not used" for key in _unread(_contact_table(document), CONTACT)]
         materials |= {bead.material.name: bead.material, wall.name: wall}
         particles[bead.name] = bead
     return BulkLab(
@@ -242,12 +254,29 @@ def _with_words(
     return found[0] if len({key for key, _ in found}) == 1 else None
 
 
-def _settings(rig: str, raw: Mapping[str, Any], document: Mapping[str, Any], file: Path, name: str) -> RigSettings:
+def _settings(
+    rig: str, raw: Mapping[str, Any], document: Mapping[str, Any], file: Path, name: str
+) -> tuple[RigSettings, list[str]]:
+    """The settings of a rig, and the keys with numbers that are none of them."""
     where = f"{file}: condition {name}"
-    found = {key: item[1] for key, (kind, names) in NAMES[rig].items() if (item := _found(raw, kind, names, where))}
+    read = {key: item for key, (kind, names) in NAMES[rig].items() if (item := _found(raw, kind, names, where))}
     for key, (words, without) in WORDS[rig].items():
-        if key not in found and (item := _with_words(raw, NAMES[rig][key][0], words, without)):
-            found[key] = item[1]
+        if key not in read and (item := _with_words(raw, NAMES[rig][key][0], words, without)):
+            read[key] = item
+    found = {key: value for key, (_, value) in read.items()}
+    return _of_rig(rig, found, raw, document, file, name), _unread(
+        raw, {"repetitions", *(one for one, _ in read.values())}
+    )
+
+
+def _unread(table: Mapping[str, Any], read: Iterable[str]) -> list[str]:
+    """The keys with numbers that are not among those that were read."""
+    return [key for key, value in table.items() if is_number(value) and key not in read]
+
+
+def _of_rig(
+    rig: str, found: dict[str, Any], raw: Mapping[str, Any], document: Mapping[str, Any], file: Path, name: str
+) -> RigSettings:
     for key in NEEDED[rig]:
         if key not in found:
             kind, names = NAMES[rig][key]
@@ -263,12 +292,12 @@ def _settings(rig: str, raw: Mapping[str, Any], document: Mapping[str, Any], fil
     if rig == "pile":
         return _pile(found)
     if rig == "packing":
-        return PackingSettings(**found)  # type: ignore[arg-type]
+        return PackingSettings(**found)
     if rig == "drum":
         if not {"fill", "count"} & found.keys():
             raise BadLabFile(f"{file}: condition {name}: state particle_count, or fill_fraction.")
-        ends = _coefficient(document, ("static_friction", "sliding_friction", "friction"), ("_pe", "_end", "_end_wall"))
-        return DrumSettings(**found, end_wall_friction=ends)  # type: ignore[arg-type]
+        ends = _coefficient(document, FRICTION, END_WALL, file)
+        return DrumSettings(**found, end_wall_friction=ends)
     return _hopper(found, raw)
 
 
@@ -294,12 +323,22 @@ def _hopper(found: dict[str, Any], raw: Mapping[str, Any]) -> HopperSettings:
     return HopperSettings("conical", **found)
 
 
-def _coefficient(document: Mapping[str, Any], stems: Sequence[str], ends: Sequence[str]) -> float | None:
-    table = document.get("contact") or document.get("contacts") or {}
-    for stem in stems:
-        for end in ends:
-            if is_number(table.get(f"{stem}{end}")):
-                return float(table[f"{stem}{end}"])
+def _contact_table(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    found: Mapping[str, Any] = document.get("contact") or document.get("contacts") or {}
+    return found
+
+
+def _coefficient(document: Mapping[str, Any], stems: Sequence[str], ends: Sequence[str], file: Path) -> float | None:
+    """The first coefficient that is stated under one of the stems with one of the ends; None where none is."""
+    table = _contact_table(document)
+    for key in (f"{stem}{end}" for stem in stems for end in ends):
+        if table.get(key) is None:
+            continue
+        if not is_number(table[key]):
+            raise BadLabFile(f"{file}: contact: {key}: {table[key]!r} is not a number; correct it or leave it out.")
+        if table[key] < 0 or (stems == RESTITUTION and not 0 < table[key] <= 1):
+            raise BadLabFile(f"{file}: contact: {key}: {table[key]:g} is impossible.")
+        return float(table[key])
     return None
 
 
@@ -307,31 +346,28 @@ def _contacts(document: Mapping[str, Any], bead: Particle, wall: Material, file:
     """The contacts among the beads and with the wall, in the convention that counts with a bead's own radius."""
 
     def known(ends: Sequence[str], what: str, arm: float) -> KnownContact:
-        restitution = _coefficient(document, ("restitution",), ends)
-        friction = _coefficient(document, ("static_friction", "sliding_friction", "friction"), ends)
-        rolling = _coefficient(document, ("rolling_friction",), ends) or 0.0
+        restitution = _coefficient(document, RESTITUTION, ends, file)
+        friction = _coefficient(document, FRICTION, ends, file)
         for key, value in (("restitution", restitution), ("static_friction", friction)):
             if value is None:
                 raise BadLabFile(f"{file}: contact: {key}{ends[0]} ({what}) is missing; state it as a number.")
-            if value < 0 or (key == "restitution" and not 0 < value <= 1):
-                raise BadLabFile(f"{file}: contact: {key}{ends[0]}: {value:g} is impossible.")
-        return KnownContact(restitution, friction, arm * rolling)
+        return KnownContact(restitution, friction, arm * (_coefficient(document, ROLLING, ends, file) or 0.0))
 
     return {
-        pair(bead.name, bead.name): known(("_pp", ""), "between particles", _arm(document)),
-        pair(bead.name, wall.name): known(("_pw", ""), "of a particle and the wall", 1.0),
+        pair(bead.name, bead.name): known(AMONG, "between particles", _arm(document)),
+        pair(bead.name, wall.name): known(AT_WALL, "of a particle and the wall", 1.0),
     }
 
 
 def _arm(document: Mapping[str, Any]) -> float:
     """1/2 where the lab says that its rolling friction counts with the effective radius of two particles."""
-    table = document.get("contact") or document.get("contacts") or {}
+    table = _contact_table(document)
     said = " ".join(str(value).lower() for key, value in table.items() if "rolling" in key)
     return 0.5 if any(word in said for word in ("r_eff", "effective radius", "reduced radius", "r/2")) else 1.0
 
 
 def _uncertain(document: Mapping[str, Any], file: Path) -> Uncertain:
-    contact = document.get("contact") or document.get("contacts") or {}
+    contact = _contact_table(document)
     camera = document.get("camera") or {}
     particles = document.get("particles", {})
     tables = [particles, *(one for one in particles.values() if isinstance(one, dict))]

@@ -47,13 +47,13 @@ DISTORTED = (
     0.7,
     1.0,
 )  # coordinates at which an error of the measurement is worked out
-LEVERAGE = 0.2  # one less the leverage of a run, below which its residual says nothing of the scatter
-WINDOW = 0.45  # coordinates about a second look within which runs are used
+LEVERAGE = 0.2  # one less the leverage of a run; below, its residual is mostly taken up by the fit itself
+WINDOW = 0.45  # coordinates about a second look within which runs are used: holds the three of `twin_design.AGAIN`
 LEVELS = 3  # different coordinates that are left there, else all are used
-CUT_AT = 4.0  # standard deviations at which a residual is cut before correlations are taken
-NEARBY = 0.3  # coordinate above which the misfit of an axis's quadratic counts in full
-OFTEN = 0.8  # share of the twins that give a number, below which it is not used
-FEWEST = 6  # twins of a condition
+CUT_AT = 4.0  # standard deviations at which a residual is cut before correlations are taken: 1 in 16,000 lies beyond
+NEARBY = 0.3  # coordinate above which the misfit of an axis's quadratic counts in full: the first level of most axes
+OFTEN = 0.8  # share of the twins that give a number, below which it depends on the effect whether there is one
+FEWEST = 6  # twins of a condition, as many as are run of the stated setting
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,6 @@ class Response:
         The twin at the stated setting.
     linear, quadratic : ndarray, shape (axes, k)
         Coefficients of the coordinates and their squares.
-    single : ndarray, shape (k, k)
-        Covariance of one repetition.
     mean : ndarray, shape (k, k)
         Covariance of the mean over the repetitions.
     run : ndarray, shape (k, k)
@@ -101,7 +99,6 @@ class Response:
     constant: Array
     linear: Array
     quadratic: Array
-    single: Array
     mean: Array
     run: Array
     inverse: Array
@@ -211,7 +208,7 @@ def _fitted(
     names = [name for name, one in zip(features.names, known, strict=True) if one]
     sizes = features.sizes[known]
     return Response(
-        _kept(features, known), np.nanmean(lab[:, known], axis=0), coefficients[0], linear, quadratic, single,
+        _kept(features, known), np.nanmean(lab[:, known], axis=0), coefficients[0], linear, quadratic,
         _of_the_mean(lab[:, known], single), run, inverse, columns, bent,
         np.array([_agree(name) * size for name, size in zip(names, sizes, strict=True)]), worked_out,
     )  # fmt: skip

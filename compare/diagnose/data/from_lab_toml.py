@@ -89,10 +89,21 @@ def tracked_lab(
         name: {"density_kg_m3": m.density, "youngs_modulus_Pa": m.youngs_modulus, "poissons_ratio": m.poisson_ratio}
         for name, m in lab.materials.items()
     }
-    odd = tuple(other_rates(conditions, [one.camera.frame_rate for one in chosen]))
+    odd = other_rates(conditions, [one.camera.frame_rate for one in chosen])
+    unasked = [] if only else not_diagnosed(lab, chosen)
     return TrackedLab(
-        lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about}, odd
+        lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about}, (*odd, *unasked)
     )  # fmt: skip
+
+
+def not_diagnosed(lab: Lab, chosen: Sequence[Experiment]) -> list[str]:
+    """One sentence for each experiment of a lab that is not among the `chosen` ones."""
+    there = {one.id for one in chosen}
+    return [
+        f"{one.id}: a {one.rig_name} is not diagnosed together with {chosen[0].id}; ask for it with --only {one.id}"
+        for one in lab.experiments
+        if one.id not in there
+    ]
 
 
 def _chosen(lab: Lab, only: Sequence[str]) -> list[Experiment]:

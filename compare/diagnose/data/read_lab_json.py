@@ -71,6 +71,7 @@ TABLES = ("walls", "rig_geometry")
 
 FARTHEST, FASTEST = 100.0, 60.0  # [m] from the origin, and [m/s] (speed of a fall from 180 m)
 
+FEWEST_ROWS = 10  # of a track: a path has up to 4 unknowns of its own in each of two coordinates
 MOST_REPETITIONS = 10_000  # of one condition; a count that was meant to be smaller
 
 PLACEHOLDER = re.compile(r"(?:[^%]|%%)*%(?:0?[1-9])?d(?:[^%]|%%)*", re.DOTALL)  # one number of at most nine digits
@@ -313,8 +314,8 @@ def _check(repetition: tuple[Track, ...], path: Path, rig: str) -> None:
         found = ", ".join(track.body for track in repetition)
         raise BadLabFile(f"{path}: holds {len(repetition)} bodies ({found}); a {rig} has {needed}.")
     for track in repetition:
-        if len(track.time) < 20:
-            raise BadLabFile(f"{path}: only {len(track.time)} rows; at least 20 are needed.")
+        if len(track.time) < FEWEST_ROWS:
+            raise BadLabFile(f"{path}: only {len(track.time)} rows; at least {FEWEST_ROWS} are needed.")
         if (far := furthest_of(track)) > FARTHEST:
             raise BadLabFile(f"{path}: a position is {far:.0f} m from the origin; are the columns in metres?")
         speeds = np.hypot(*np.diff(track.position, axis=0).T) / np.diff(track.time)

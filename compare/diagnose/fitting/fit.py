@@ -75,6 +75,16 @@ class Fit:
         at = self.index(name)
         return max(math.sqrt(max(self.covariance[at, at], 0.0)), float(self.robust[at]))
 
+    def std_given(self, name: str, others: Sequence[str]) -> float:
+        """The standard deviation if the others were known: a strength may be sure where its exponent is not."""
+        at = [self.index(one) for one in (name, *others)]
+        stds = np.sqrt(np.diag(self.covariance)[at])
+        if not (stds > 0).all():
+            return self.std(name)
+        correlation = self.covariance[np.ix_(at, at)] / np.outer(stds, stds)
+        explained = correlation[0, 1:] @ np.linalg.pinv(correlation[1:, 1:]) @ correlation[1:, 0]
+        return self.std(name) * math.sqrt(max(1 - float(explained), 0.0))
+
     def index(self, name: str) -> int:
         return [unknown.name for unknown in self.unknowns].index(name)
 

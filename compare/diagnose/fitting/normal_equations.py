@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rigtwin.compare.diagnose.models.sensitivities import Moving, Slopes, slopes
-from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.compare.diagnose.models.unknown import Scattered, Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
@@ -24,6 +24,7 @@ class Bench(Moving, Protocol):
     local_prior: Array  # (R, L)
     local_sd: Array  # (R, L)
     scatter: Array  # (R, S) index of the scatter parameter of each deviation, -1 for none
+    scattered: Sequence[Scattered]  # what scatters, of length H
     scatter_start: Array  # (H,)
     scatter_least: Array  # (H,), smallest scatter that a fit may find
     scatter_most: Array  # (H,), upper limit of the scatter without an effect that widens it

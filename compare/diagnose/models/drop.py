@@ -20,7 +20,7 @@ from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import LEAST_SCATTER, Beads, coefficients, shared
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Mechanics
-from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.compare.diagnose.models.unknown import USUAL_RESTITUTION, Scattered, Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect, named
@@ -33,6 +33,7 @@ ONE_MATERIAL = 0.015
 """Standard deviation between the restitutions of a bead on two plates of one material, apart from the bending of the
 plates.  Assumed: two pieces differ in finish, and hardly by more than the scatter from impact to impact."""
 SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
+USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3  # [1], [m]: largest usual scatter, of a camera that is set up for each drop
 LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted scatter, below what a track resolves
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
@@ -119,6 +120,16 @@ class DropBench:
         self.scatter_start = np.array([*([0.02] * pairs), SCALE, HEIGHT, 0.02])
         self.scatter_least = np.array([*([LEAST_SCATTER] * pairs), LEAST_SCALE, LEAST_HEIGHT, LEAST_SCATTER])
         self.scatter_most = np.array([*([np.inf] * (pairs + 2)), named("odd_shape").parameters[0].least])
+
+    @property
+    def scattered(self) -> Sequence[Scattered]:
+        """What differs from impact to impact or from repetition to repetition."""
+        return (
+            *(Scattered(f"restitution of {pair}", "1", USUAL_RESTITUTION) for pair in self.pairs),
+            Scattered("scale of the picture", "1", USUAL_SCALE),
+            Scattered("height of the plate in the picture", "m", USUAL_HEIGHT),
+            Scattered("sideways over impact speed", "1", named("odd_shape").parameters[0].least),
+        )
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:
         """Restitution of each pair, calibration quantities with their priors, and coefficients of the terms."""

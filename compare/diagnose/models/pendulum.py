@@ -17,7 +17,7 @@ from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import Beads, eighths, shared
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
-from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.compare.diagnose.models.unknown import Scattered, Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing import Push, angle_at, half_swings
@@ -68,6 +68,7 @@ class PendulumBench:
         self.local_sd = np.stack([np.full(repetitions, 10.0), release_sd * shared(self.condition)], axis=1)
         self.local_step = np.array([1e-3, 1e-2])
         self.scatter = np.zeros((repetitions, 0), dtype=int)
+        self.scattered: Sequence[Scattered] = ()
         self.scatter_start = self.scatter_least = self.scatter_most = np.zeros(0)
 
     def unknowns(self, terms: Sequence[Effect]) -> list[Unknown]:

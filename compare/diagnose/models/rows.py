@@ -10,7 +10,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab, stated_uncertainty
 from rigtwin.compare.diagnose.data.tracking_noise import noise_of
-from rigtwin.compare.diagnose.models.unknown import Unknown
+from rigtwin.compare.diagnose.models.unknown import Scattered, Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect
@@ -53,6 +53,7 @@ class Runs:
         self.owner: Any = np.repeat(np.arange(len(counts)), counts)
         self.sigma: Array = np.full(len(self.rows), self.noise)
         self.scatter: Any = np.zeros((len(counts), 0), dtype=int)
+        self.scattered: Sequence[Scattered] = ()
         self.scatter_start: Array = np.zeros(0)
         self.scatter_most: Array = np.zeros(0)
         self.region: Any

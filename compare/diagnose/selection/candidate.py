@@ -100,6 +100,7 @@ def _read_late(fitted: Fit, term: Effect) -> str:
 
 def _beyond(fitted: Fit, term: Effect) -> str:
     """Which coefficient is out of its range or not significant; empty if none is."""
+    shape = [f"{term.name}.{one.name}" for one in term.parameters if one.assumed is not None]
     for parameter in term.parameters:
         name = f"{term.name}.{parameter.name}"
         value, std = fitted.value(name), fitted.std(name)
@@ -110,6 +111,7 @@ def _beyond(fitted: Fit, term: Effect) -> str:
             continue
         if abs(value) < parameter.least:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is no larger than in any lab"
+        std = fitted.std_given(name, shape)
         if abs(value) < 3.0 * std:
             return f"{parameter.name} = {value:.3g} is within three standard deviations ({std:.2g} each) of zero"
     return ""

@@ -1,8 +1,8 @@
 """Find a formula for a disagreement that no listed effect explains, and test it on held-out data.
 
-Terms of a fixed form are fitted one by one.  Terms with shape parameters are screened on a grid of shapes with part of
-the data, by one Newton step each; the best of each kind is then fitted with its shape, and its gain is reduced by a
-cost for the search over the grid.
+Terms of a fixed form are fitted one by one.  Terms with shape parameters are screened on a grid of shapes, by one
+Newton step each and with part of the data where the disagreement is large; the best of each kind is then fitted with
+its shape, and its gain is reduced by a cost for the search over the grid.
 """
 
 from __future__ import annotations
@@ -145,10 +145,7 @@ def _training(bench: Regioned, lab: TrackedLab, naming: Naming) -> _Training:
 def _chosen(training: _Training, progress: Progress) -> Candidate | None:
     """The best formula of one term, or of two if one leaves too much; None if none is significant."""
     bench, naming = training.bench, training.naming
-    rig = bench.lab.rig  # type: ignore[attr-defined]
-    plain = fixed_forms(bench, naming, progress, (*nameless(rig), *beside(rig)))
-    progress("shapes of formulas", 0, 1)
-    first = _better(plain, _shaped(bench, naming, naming.base))
+    first = any_form(bench, naming, progress)
     if first is None or first.gain < FORM:
         return None
     if _whole(bench, naming, first):
@@ -202,6 +199,14 @@ def _glanced(bench: Regioned, near: Fit, terms: Sequence[Effect]) -> list[Fit]:
             fitted for term in terms for fitted in _glanced(bench, near, (term,))
         ]  # one term made the joint equations singular
     return [fitted for fitted in found if math.isfinite(fitted.deviance)]
+
+
+def any_form(bench: Regioned, naming: Naming, progress: Progress) -> Candidate | None:
+    """The best term of a fixed or free form beside the baseline; None if none is valid."""
+    rig = bench.lab.rig  # type: ignore[attr-defined]
+    plain = fixed_forms(bench, naming, progress, (*nameless(rig), *beside(rig)))
+    progress("shapes of formulas", 0, 1)
+    return _better(plain, _shaped(bench, naming, naming.base))
 
 
 def fixed_forms(bench: Regioned, naming: Naming, progress: Progress, terms: Sequence[Effect]) -> list[Candidate]:
@@ -286,7 +291,7 @@ def _whole(bench: Regioned, naming: Naming, one: Candidate) -> bool:
 def _shaped(bench: Regioned, naming: Naming, near: Fit, cost: float = 0.0) -> list[Candidate]:
     """Fit the most promising terms of free shape on top of a fit; `cost` is the cost of the shapes in that fit.
 
-    They are chosen with part of the data.
+    They are chosen with part of the data where the fit is bad, else with all.
     """
     rig = bench.lab.rig  # type: ignore[attr-defined]
     extent = _extent(bench, near)
@@ -296,7 +301,7 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit, cost: float = 0.0) -> li
         if one.effect.name not in {term.name for term in near.terms}
         and (one.effect.drive is None or getattr(bench, "drivable", False))
     ]
-    part, chosen = coarse(bench)
+    part, chosen = coarse(bench) if near.per_row > ROUGH else (bench, list(range(len(bench.spans))))
     plain = _attempt(part, near.terms, near=cut(near, chosen), most=20, rounds=1)
     if plain is None or not kinds:
         return []

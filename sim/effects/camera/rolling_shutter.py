@@ -5,7 +5,7 @@ Formula: t_true = t + r y
 r is `delay`, y [m] the height in the plane of motion.
 
 Parameters:
-- `delay` [s/m], -0.2 to 0.2, typically 0.003: row delay per height
+- `delay` [s/m], -0.06 to 0.06, typically 0.003: row delay per height; a telephone has 0.01 to 0.05
 
 Source: CMOS read-out; Meingast, Geyer & Sastry 2005
 """
@@ -26,7 +26,7 @@ EFFECT = Effect(
     kind="measurement",
     rigs=("drop", "pendulum", "double", "slide", "roll"),
     parameters=(
-        Parameter("delay", "s/m", -0.2, 0.2, 0.003, least=2e-5, starts=(-0.02, 0.02), meaning="row delay per height"),
+        Parameter("delay", "s/m", -0.06, 0.06, 0.003, least=2e-5, starts=(-0.02, 0.02), meaning="row delay per height"),
     ),
     equation="t_true = t + r y",
     source="CMOS read-out; Meingast, Geyer & Sastry 2005",

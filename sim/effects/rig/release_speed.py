@@ -17,7 +17,7 @@ EFFECT = Effect(
     title="release speed",
     kind="physical",
     rigs=("drop",),
-    parameters=(Parameter("speed", "m/s", -0.5, 0.5, 0.05, starts=(-0.05, 0.05), meaning="upwards"),),
+    parameters=(Parameter("speed", "m/s", -0.5, 0.5, 0.05, starts=(-0.2, -0.05, 0.05), meaning="upwards"),),
     equation="v_y(0) = v_rel",
     source="release mechanics of the holder",
     synonyms=("release velocity", "initial velocity", "push at release", "late release"),

@@ -111,7 +111,11 @@ def test_an_impact_law_by_which_beads_gain_energy_is_refused():
         unknowns = [SimpleNamespace(name=name) for name in own]
         values = [value for value, _ in own.values()]
         return SimpleNamespace(
-            unknowns=unknowns, values=values, value=lambda name: own[name][0], std=lambda name: own[name][1]
+            unknowns=unknowns,
+            values=values,
+            value=lambda name: own[name][0],
+            std=lambda name: own[name][1],
+            std_given=lambda name, others: own[name][1],
         )
 
     terms = (named("plate_compliance"),)

@@ -227,6 +227,34 @@ def test_piles_of_a_lab_toml_are_diagnosed_too(tmp_path, by_law):
     assert [one.name for one in found.lab.conditions] == ["base90"]
 
 
+def test_experiments_of_a_lab_toml_with_other_rigs_are_left_out_with_a_word(tmp_path, by_law):
+    lab = notebook(write(tmp_path / "lab", PILES))
+    with (lab / "lab.toml").open("a") as file:
+        file.write(
+            '[[experiments]]\nid = "fall"\nrig = "drop"\nparticle = "bead"\nwall = "plate"\n'
+            'drop_height = "200 mm"\nrepetitions = ["base90/rep01/results.json"]\n'
+        )
+    found, _ = diagnose_folder(lab, tmp_path / "out")
+    assert "fall: a drop is not diagnosed together with base90; ask for it with --only fall" in found.left_out
+
+
+def test_different_coefficients_of_rolling_friction_are_changed_by_one_factor(tmp_path, by_law):
+    contact = CONTACT | {"rolling_friction_pp": 0.12, "rolling_friction_pw": 0.03}
+    diagnose_folder(write(tmp_path / "lab", PILES, rolling=0.12, contact=contact), tmp_path / "out")
+    pairs = {tuple(one["rolling_friction"] for one in run.settings["contacts"]) for run in by_law}
+    assert len(pairs) >= 4
+    assert all(like / wall == pytest.approx(0.06 / 0.03) for wall, like in pairs)  # R_eff is half of a bead's radius
+
+
+def test_keys_that_are_not_understood_are_listed(tmp_path, by_law):
+    lab = write(tmp_path / "lab", PILES)
+    spoil(lab, lambda d: d["conditions"][0].update(ground_height_m=0.02))
+    spoil(lab, lambda d: d["contact"].update(rolling_fricton=0.1))
+    _found, files = diagnose_folder(lab, tmp_path / "out")
+    left_out = json.loads(files["diagnosis.json"].read_text())["left_out"]
+    assert {"base90: ground_height_m is not used", "contact: rolling_fricton is not used"} <= set(left_out)
+
+
 def spoil(folder: Path, change: Callable[[dict], object]) -> None:
     document = json.loads((folder / "lab.json").read_text())
     change(document)
@@ -244,6 +272,7 @@ def spoil(folder: Path, change: Callable[[dict], object]) -> None:
         (lambda d: d["conditions"][1].update(rig="drop"), "'drop' stands beside a rig of many particles"),
         (lambda d: d["contact"].pop("static_friction_pp"), "static_friction_pp (between particles) is missing"),
         (lambda d: d["contact"].update(restitution_pw=1.2), "restitution_pw: 1.2 is impossible"),
+        (lambda d: d["contact"].update(rolling_friction="small"), "rolling_friction: 'small' is not a number"),
         (lambda d: d["conditions"][0].update(files="somewhere/rep"), "has no place for a number"),
         (lambda d: d["conditions"][0].update(files="rep%999999999999d"), "has no place for a number"),
         (lambda d: d["conditions"][0].update(files="../rep%02d"), "lies outside"),

@@ -20,8 +20,9 @@ NOISE = 1e-4
 SETTINGS = [(mass, rate) for mass in (0.8e-3, 4.5e-3) for rate in (0.5, 2.0)]
 
 
-def draw_slide(rng, mass, rate, *, pull=0.0, drop=0.0):
+def draw_slide(rng, mass, rate, *, pull=0.0, drop=0.0, growth=0.0, chance=0.0):
     """One filmed slide: time [s] and place [m] as a camera that is a little off sees it."""
+    less = max(rng.normal(0, chance), 0.0)  # a larger kinetic friction would only make it slip later
     mu, turn = MU * (1 + rng.normal(0, 0.02)), math.radians(rate)
     tilt = START + LEVEL
 
@@ -33,7 +34,7 @@ def draw_slide(rng, mass, rate, *, pull=0.0, drop=0.0):
         begin = (math.asin((mu * press(begin, 0.0) + PLACE * turn**2) / G) - tilt) / turn
 
     def motion(t, s):
-        kinetic = mu * (1 - drop) * press(t, s[1])
+        kinetic = (mu * (1 - drop) - less + growth * abs(s[1])) * press(t, s[1])
         return [s[1], s[0] * turn**2 - G * math.sin(tilt + turn * t) + kinetic]
 
     def arrive(_t, s):
@@ -107,3 +108,20 @@ def test_a_weak_friction_drop_is_found_from_the_wrong_side_of_zero(tmp_path):
     bench = bench_of(write_slides(tmp_path, 2, drop=0.0034))
     found = _fit(bench, (named("friction_drop"),), fit(bench))
     assert found.value("friction_drop.drop") == pytest.approx(0.0034, abs=3 * found.std("friction_drop.drop"))
+
+
+SLIDE_EFFECTS = ("friction_drop", "sliding_speed", "lens_distortion", "rolling_shutter", "contact_adhesion")
+
+
+def test_friction_that_changes_with_the_speed_is_named_with_its_slope(tmp_path):
+    growth = -0.02
+    lab = write_slides(tmp_path, 4, repetitions=3, growth=growth)
+    found = diagnose(lab, listed=[named(name) for name in SLIDE_EFFECTS])
+    assert (found.verdict, found.chosen.names) == ("named", ("sliding_speed",))
+    slope = found.chosen.fitted.value("sliding_speed.slope")
+    assert slope == pytest.approx(growth, abs=4 * found.chosen.fitted.std("sliding_speed.slope"))
+
+
+def test_chance_that_lowers_the_kinetic_friction_is_no_friction_drop(tmp_path):
+    lab = write_slides(tmp_path, 5, repetitions=3, chance=0.003)
+    assert diagnose(lab, listed=[named(name) for name in SLIDE_EFFECTS]).verdict == "none"
