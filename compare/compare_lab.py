@@ -32,6 +32,7 @@ from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import preflight
 from rigtwin.compare.twins.imported import imported_for
 from rigtwin.compare.twins.matched import (
+    as_seen,
     checkpoints,
     twin_of,
 )
@@ -251,8 +252,7 @@ def _measured_and_run(
             _need_one(experiment, measured[experiment.id])
         late = [one for one in wanted if one not in early]
         for one in late:
-            if settings["count"] is None or not entry_of(one).takes_count(one):
-                filmed[one.id], seen[one.id] = entry_of(one).completed(one, measured[one.id].measurements)
+            filmed[one.id], seen[one.id] = as_seen(one, measured[one.id].measurements, settings["count"])
         run([filmed[one.id] for one in late], measured)
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     seconds["measuring, beside early twins"] = measured_after

@@ -85,6 +85,17 @@ def twin_of(
     return replace(twin, set_from=set_from)
 
 
+def as_seen(experiment: Experiment, measurements: Sequence[Measurement], count: int | None) -> tuple[Experiment, str]:
+    """The experiment with settings that its media show and lab.toml does not state, and what these are in words.
+
+    A `count` of particles that is asked for goes before what the media show of the filling.
+    """
+    entry = entry_of(experiment)
+    if count is not None and entry.takes_count(experiment):
+        return experiment, ""
+    return entry.completed(experiment, measurements)
+
+
 def checkpoints(folder: Path, experiment: Experiment) -> list[Path]:
     """Checkpoints of an experiment's twins in `folder`."""
     return sorted(folder.glob(f"{_digest(experiment.id)}-*.npz"))

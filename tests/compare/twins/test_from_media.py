@@ -96,3 +96,38 @@ def test_a_heap_that_rolled_off_its_base_has_failed_and_says_what_to_change():
     assert twin.failed.endswith("give a rim_height, or contacts with more rolling_friction")
     rimmed = pile_twin(Pile(0.06, 0.006), Cast(BEAD, STEEL, contact, contact), count=150, seed=1, threads=1)
     assert rimmed.failed == ""
+
+
+HEAP = """\
+[[experiments]]
+id = "heap"
+rig = "pile"
+variant = "piling"
+particle = "D6"
+wall = "steel"
+base_diameter = "400 mm"
+repetitions = ["heap.csv"]
+"""
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize("count", [None, 700])
+def test_a_calibration_takes_the_same_from_the_media_and_says_so(tmp_path, monkeypatch, count):
+    from rigtwin.compare.campaign import calibrate as subject
+
+    asked = {}
+    monkeypatch.setattr(subject, "calibrate_lab", lambda lab, *_, **given: asked.update(given, lab=lab))
+    x = np.linspace(-0.12, 0.12, 200)
+    rows = [f"{a:.5f},{max(0.05 * (1 - abs(a) / 0.1), 0):.5f}" for a in x]
+    (tmp_path / "heap.csv").write_text("\n".join(["x_m,height_m", *rows]))
+    (tmp_path / "lab.toml").write_text(HEAP)
+    subject.calibrate(tmp_path, tmp_path / "out", count=count)
+    (heap,) = asked["lab"].experiments
+    seen = round(0.6 * math.pi / 3 * 0.1**2 * 0.05 / BEAD.volume)
+    if count is None:
+        assert heap.rig.count == pytest.approx(seen, rel=0.01)
+        assert asked["remarks"] == [
+            f"heap: its twins take from the media {heap.rig.count} particles, by the volume of the heap"
+        ]
+    else:
+        assert (heap.rig.count, asked["remarks"]) == (None, [])
