@@ -458,6 +458,9 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
     entry, measured = entry_of(experiment), ran.measured[experiment.id]
     twins = ran.twins.get(experiment.id, [])
     sound = [twin for twin in twins if not twin.failed]
+    own = sound and not sound[0].settings.get("engine", {}).get(
+        "computed_by"
+    )  # another code's deck states all settings
     without = ran.without.get(experiment.id, "")
     if twins and not sound:
         without = f"the twin failed: {twins[0].failed}"
@@ -469,7 +472,7 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
         set_from=sound[0].set_from if sound else {},
         run_name=entry.run_name,
         without_twin=without,
-        assumed=entry.assumed(ran.filmed[experiment.id], count) if sound else (),
+        assumed=entry.assumed(ran.filmed[experiment.id], count) if own else (),
         seen=ran.seen[experiment.id],
         scatter=partial(known_scatter, experiment),
     )
