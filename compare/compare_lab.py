@@ -458,9 +458,8 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
     entry, measured = entry_of(experiment), ran.measured[experiment.id]
     twins = ran.twins.get(experiment.id, [])
     sound = [twin for twin in twins if not twin.failed]
-    own = sound and not sound[0].settings.get("engine", {}).get(
-        "computed_by"
-    )  # another code's deck states all settings
+    # the deck of another code states all settings
+    own = sound and not sound[0].settings.get("engine", {}).get("computed_by")
     without = ran.without.get(experiment.id, "")
     if twins and not sound:
         without = f"the twin failed: {twins[0].failed}"
