@@ -50,7 +50,8 @@ def picture_marks(bed: Bed, view: int) -> tuple[Mark, ...]:
 
     def line(across: Array, above: Array) -> list[Point]:
         # the centre of the top-left pixel is 0, 0 in the photo and in the smaller picture that was analysed
-        return ((silhouette.view.to_picture(across, above) + 0.5) / silhouette.zoom - 0.5).tolist()
+        points = (silhouette.view.to_picture(across, above) + 0.5) / silhouette.zoom - 0.5
+        return [(float(a), float(b)) for a, b in points]
 
     top, level = float(np.max(height)) + half, float(np.mean(height))
     walls = [line(np.array([side, side]), np.array([0.0, top])) for side in (-half, half)]

@@ -57,7 +57,8 @@ def picture_marks(
 
     def line(x: Array, height: Array) -> list[Point]:
         # the centre of the top-left pixel is 0, 0 in the photo and in the smaller picture that was analysed
-        return ((found.view.to_picture(x, height) + 0.5) / found.zoom - 0.5).tolist()
+        points = (found.view.to_picture(x, height) + 0.5) / found.zoom - 0.5
+        return [(float(a), float(b)) for a, b in points]
 
     reach = found.view.radius or float(np.abs(found.x[np.isfinite(found.height)]).max())
     marks = [
