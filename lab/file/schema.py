@@ -378,6 +378,11 @@ class CameraEntry(_Entry):
             yield "end", f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit})."
 
 
+def keys_of_camera(rig: str) -> set[str]:
+    """The keys of ``[experiments.camera]`` that a rig uses."""
+    return {name for name in CameraEntry.model_fields if rig in _ONLY_OF.get(name, (rig,))}
+
+
 class FileEntry(CameraEntry):
     """What is said of one clip or photo: keys of the camera that go before those of its experiment, and a verdict."""
 
