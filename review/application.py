@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import threading
 from collections.abc import Awaitable, Callable
-from concurrent.futures import CancelledError
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from functools import wraps
 from json import JSONDecodeError
@@ -23,7 +23,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_edit import LabEdit
 from rigtwin.review.described import SHOWN_RESULTS, OpenLab, kind_of, result_json
 from rigtwin.review.frames import Pictures
-from rigtwin.review.remeasure import Remeasuring, ended_early
+from rigtwin.review.remeasure import Remeasuring
 
 STATIC = Path(__file__).parent / "static"
 
@@ -56,6 +56,8 @@ class Review:
         self.pictures = Pictures()
         self.measuring = Remeasuring()
         self._one_change = asyncio.Lock()
+        self._reading = threading.Lock()
+        self._read: tuple[int, int, OpenLab] | None = None
 
     @property
     def application(self) -> Starlette:
@@ -79,9 +81,24 @@ class Review:
         self.pictures.close()
         self.measuring.close()
 
+    def look_ahead(self) -> None:
+        """Open the first clip or photo before the page asks for it."""
+        with suppress(BadInput, OSError, LookupError):
+            lab = self.opened()
+            number = next(k for k, entry in enumerate(lab.file.experiments) if entry.repetitions)
+            experiment, view = lab.lab.experiments[number], lab.views(number, 0)[0]
+            kind = kind_of(experiment, view)
+            if kind in ("photo", "clip"):
+                self.pictures.picture(view, experiment.camera_of(view), 0, photo=kind == "photo")
+
     def opened(self) -> OpenLab:
-        """The lab as it stands on disk."""
-        return OpenLab.read(self.path, allow_outside=self.allow_outside)
+        """The lab as it stands on disk; read again only when lab.toml has changed."""
+        with self._reading:
+            state = self.path.stat()
+            if self._read is None or self._read[:2] != (state.st_mtime_ns, state.st_size):
+                lab = OpenLab.read(self.path, allow_outside=self.allow_outside)
+                self._read = state.st_mtime_ns, state.st_size, lab
+            return self._read[2]
 
     async def lab(self, _request: Request) -> Response:
         """The experiments, their repetitions and what is stated of them."""
@@ -115,19 +132,14 @@ class Review:
         lab = await run_in_threadpool(self.opened)
         number, repetition = request.path_params["experiment"], request.path_params["repetition"]
         views = lab.measured_views(number, repetition)
-        while True:
-            key, started = self.measuring.measured(lab.lab.experiments[number], views)
-            try:
-                done = await asyncio.shield(asyncio.wrap_future(started))
-            except BrokenProcessPool:
-                self.measuring.forget(key)
-                done = ended_early(views)
-            except (CancelledError, asyncio.CancelledError):
-                if not started.cancelled():  # the page has left
-                    raise
-                raise BadInput("was not measured, because other settings were asked for meanwhile.") from None
-            names = [str(view.relative_to(lab.lab.folder)) for view in views]
-            return JSONResponse({**result_json(key, done), "views": names})
+        key, started = await run_in_threadpool(self.measuring.measured, lab.lab.experiments[number], views)
+        try:
+            done = await asyncio.shield(asyncio.wrap_future(started))
+        except asyncio.CancelledError:
+            if not started.cancelled():  # the server ends
+                raise
+            raise BadInput("was not measured, because other settings were asked for meanwhile.") from None
+        return JSONResponse(result_json(key, done, views, lab.views(number, repetition)))
 
     async def media(self, request: Request) -> Response:
         """Size and capture times of a clip or photo."""
@@ -182,6 +194,12 @@ class Review:
             except OSError as error:
                 said = f"{error.filename or self.path}: {(error.strerror or 'cannot be used').lower()}."
                 return JSONResponse({"error": said}, 422)
+            except Exception as error:
+                if os.environ.get("RIGTWIN_DEBUG"):
+                    raise
+                reason = f"{type(error).__name__}: {error}".splitlines()[0]
+                said = f"a fault of rigtwin itself ({reason}); set RIGTWIN_DEBUG=1 and start the page again."
+                return JSONResponse({"error": said}, 500)
 
         return answer
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -42,8 +42,7 @@ class OpenLab:
         """All media of a repetition, rejected ones too.  Raises `LookupError`."""
         if min(experiment, repetition) < 0:
             raise LookupError
-        names = self.file.experiments[experiment].repetitions[repetition]
-        return tuple(self.lab.folder / name for name in names)
+        return tuple(self.lab.folder / name for name in self.file.experiments[experiment].repetitions[repetition])
 
     def measured_views(self, experiment: int, repetition: int) -> tuple[Path, ...]:
         """Media of a repetition that are measured: those that are not rejected, or all if none is left."""
@@ -103,13 +102,14 @@ def _stated(camera: Camera) -> dict[str, Any]:
     return {name: value for name, value in known.items() if value not in (None, (), False)}
 
 
-def result_json(key: str, done: Remeasured) -> dict[str, Any]:
-    """What a measurement gave, and where in the picture."""
+def result_json(key: str, done: Remeasured, measured: Sequence[Path], shown: Sequence[Path]) -> dict[str, Any]:
+    """What a measurement gave, and where in which of the media that are shown; not all of them may be `measured`."""
     found = done.found
     document: dict[str, Any] = {"key": key, "seconds": round(done.seconds, 3)}
     if not isinstance(found, Measurement):
         seen = found.seen
-        marks = [] if seen is None else [_mark_json(mark) for mark in seen.marks]
+        view = shown.index(seen.medium) if seen is not None and seen.medium in shown else shown.index(measured[0])
+        marks = [] if seen is None else [_mark_json(mark, view) for mark in seen.marks]
         frame = None if seen is None else seen.frame
         return {**document, "refused": found.message, "frame": frame, "marks": marks}
     return {
@@ -118,7 +118,7 @@ def result_json(key: str, done: Remeasured) -> dict[str, Any]:
         "checks": [check.to_json() for check in found.checks],
         "warnings": list(found.warnings),
         "scale": _scale_in_words(found.camera),
-        "marks": [_mark_json(mark) for mark in found.marks],
+        "marks": [_mark_json(mark, shown.index(measured[mark.view])) for mark in found.marks],
     }
 
 
@@ -136,7 +136,7 @@ def _scale_in_words(camera: Mapping[str, Any]) -> str:
     return f"{1e3 * size:.4g} mm/px, from {camera.get('scale_from')}" if size else ""
 
 
-def _mark_json(mark: Mark) -> dict[str, Any]:
+def _mark_json(mark: Mark, view: int) -> dict[str, Any]:
     points = [
         [round(float(x), 2), round(float(y), 2)] if math.isfinite(x) and math.isfinite(y) else None
         for x, y in mark.points
@@ -147,7 +147,7 @@ def _mark_json(mark: Mark) -> dict[str, Any]:
         "points": points,
         "radius": round(float(mark.radius), 2),
         "frames": [int(frame) for frame in mark.frames],
-        "view": mark.view,
+        "view": view,
     }
 
 

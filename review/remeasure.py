@@ -11,7 +11,10 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from importlib import import_module
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
@@ -19,7 +22,7 @@ from rigtwin.compare.worker_processes import Workers
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.quantity import Measurement
 
-AT_ONCE = 2  # a measurement whose settings have changed meanwhile is not waited for
+AT_ONCE = 2  # processes: while one is stopped and started again, the other one measures with the new settings
 KEPT = 64  # results
 MEMORY_SHORT = (
     "the process that measured ended without a result, most likely because memory ran out; close other programs, or "
@@ -36,18 +39,15 @@ class Remeasured:
 
 
 class Remeasuring:
-    """Measurements of the repetitions of a lab."""
+    """Measurements of the repetitions of a lab.
+
+    A measurement is stopped when the same repetition is asked for with other settings, or when all processes are busy.
+    """
 
     def __init__(self) -> None:
-        self._others = set(multiprocessing.active_children())
-        self._workers = Workers(AT_ONCE)
         self._results: OrderedDict[str, Future[Remeasured]] = OrderedDict()
         self._lock = threading.Lock()
-
-    def warm_up(self) -> None:
-        """Let a process load the libraries that measuring needs."""
-        with self._lock:
-            self._workers.submit(_loaded)
+        self._slots = [_Slot() for _ in range(AT_ONCE)]
 
     def measured(self, experiment: Experiment, views: Sequence[Path]) -> tuple[str, Future[Remeasured]]:
         """Start measuring one repetition, unless that was done with the same settings and media.
@@ -64,46 +64,98 @@ class Remeasuring:
         str
             What distinguishes these settings from others.
         Future of Remeasured
-            The result.
+            The result; cancelled if other settings are asked for meanwhile.
         """
         key = _key(experiment, views)
         with self._lock:
-            if key not in self._results:
-                for earlier in self._results.values():
-                    earlier.cancel()  # what has not begun is not wanted any more
-                self._results = OrderedDict(
-                    (name, kept) for name, kept in self._results.items() if not kept.cancelled()
-                )
-                self._results[key] = self._submitted(experiment, views)
+            if key not in self._results or self._results[key].cancelled():
+                self._results[key] = self._started(experiment, tuple(views))
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
             self._results.move_to_end(key)
             return key, self._results[key]
 
-    def forget(self, key: str) -> None:
-        """Let the next call measure again."""
-        with self._lock:
-            self._results.pop(key, None)
-
     def close(self) -> None:
         """End the processes at once."""
-        for process in set(multiprocessing.active_children()) - self._others:
+        with self._lock:
+            for slot in self._slots:
+                slot.stop()
+
+    def _started(self, experiment: Experiment, views: tuple[Path, ...]) -> Future[Remeasured]:
+        for slot in self._slots:
+            if slot.busy and slot.views == views:
+                slot.renew()
+        idle = next((slot for slot in self._slots if not slot.busy and slot.loaded), None)
+        chosen = idle or next((slot for slot in self._slots if not slot.busy), self._slots[0])
+        if chosen.busy:
+            chosen.renew()
+        self._slots.remove(chosen)
+        self._slots.append(chosen)  # the one that was asked first stands first
+        return chosen.start(experiment, views)
+
+
+class _Slot:
+    """One process that measures one repetition at a time."""
+
+    def __init__(self) -> None:
+        self.views: tuple[Path, ...] = ()
+        self._promised: Future[Remeasured] = Future()
+        self._promised.cancel()
+        self._begin()
+
+    @property
+    def busy(self) -> bool:
+        return not self._promised.done()
+
+    @property
+    def loaded(self) -> bool:
+        """Whether the process has loaded its libraries."""
+        return self._loading.done()
+
+    def start(self, experiment: Experiment, views: tuple[Path, ...]) -> Future[Remeasured]:
+        self.views = views
+        promised: Future[Remeasured] = Future()
+        self._promised = promised
+        try:
+            job = self._workers.submit(_measure, experiment, views)
+        except BrokenProcessPool:  # the process was ended by the system meanwhile
+            self.stop()
+            self._begin()
+            self._promised = promised = Future()
+            job = self._workers.submit(_measure, experiment, views)
+        job.add_done_callback(lambda done: _hand_on(done, promised, views))
+        return promised
+
+    def renew(self) -> None:
+        """Stop what is measured, and begin a new process."""
+        self.stop()
+        self._begin()
+
+    def stop(self) -> None:
+        self._promised.cancel()
+        for process in self._processes:
             process.terminate()
         self._workers.close()
 
-    def _submitted(self, experiment: Experiment, views: Sequence[Path]) -> Future[Remeasured]:
-        try:
-            started = self._workers.submit(_measure, experiment, tuple(views))
-        except BrokenProcessPool:
-            self._workers.close()
-            self._workers = Workers(AT_ONCE)
-            started = self._workers.submit(_measure, experiment, tuple(views))
-        return started
+    def _begin(self) -> None:
+        others = set(multiprocessing.active_children())
+        self._workers = Workers(1)
+        self._loading = self._workers.submit(_load)
+        self._processes: set[BaseProcess] = set(multiprocessing.active_children()) - others
 
 
-def ended_early(views: Sequence[Path]) -> Remeasured:
-    """The result of a measurement whose process ended."""
-    return Remeasured(Failure(views[0], MEMORY_SHORT), 0.0)
+def _hand_on(done: Future[Remeasured], promised: Future[Remeasured], views: tuple[Path, ...]) -> None:
+    if promised.cancelled():
+        return
+    with suppress(Exception):  # cancelled just now
+        if done.cancelled():
+            promised.cancel()
+        elif isinstance(error := done.exception(), BrokenProcessPool):
+            promised.set_result(Remeasured(Failure(views[0], MEMORY_SHORT), 0.0))
+        elif error is not None:
+            promised.set_exception(error)
+        else:
+            promised.set_result(done.result())
 
 
 def _measure(experiment: Experiment, views: tuple[Path, ...]) -> Remeasured:
@@ -112,9 +164,7 @@ def _measure(experiment: Experiment, views: tuple[Path, ...]) -> Remeasured:
     return Remeasured(found, time.perf_counter() - begun)
 
 
-def _loaded() -> None:
-    from importlib import import_module
-
+def _load() -> None:
     for rig in ("drop", "pile"):
         import_module(f"rigtwin.measure.{rig}.measurement")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import socket
 import threading
@@ -57,13 +58,13 @@ def serve(
         with closing(_listening(port)) as listener:
             bound, token = listener.getsockname()[1], secrets.token_urlsafe(24)
             address = f"http://{HOST}:{bound}/?token={token}"
-            review.measuring.warm_up()
+            threading.Thread(target=review.look_ahead, daemon=True).start()
             announce(address)
             if browser:
                 threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
             config = uvicorn.Config(
                 Guard(review.application, bound, token),
-                log_level="error",
+                log_level="error" if os.environ.get("RIGTWIN_DEBUG") else "critical",
                 access_log=False,
                 server_header=False,
                 lifespan="off",

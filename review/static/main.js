@@ -9,7 +9,7 @@ const $ = (id) => document.getElementById(id);
 const SLOWEST = 4; // frames per second of a clip that is played, and the fastest a screen needs
 const FASTEST = 30;
 
-const shown = { experiment: 0, repetition: 0, view: 0 };
+const shown = { experiment: -1, repetition: -1, view: -1 };
 const results = new Map(); // experiment/repetition -> last result
 let lab = null;
 let tool = null;
@@ -127,7 +127,8 @@ async function select({ experiment: e, repetition: r, view: v }) {
   }
   location.hash = `${e}/${r}/${v}`;
   showAll();
-  const measured = showMeasured();
+  // of a medium that is not shown yet the picture comes first: measuring takes all of the processor
+  const measured = other ? null : showMeasured();
   try {
     if (["photo", "clip"].includes(view().kind)) await stage.open(`${place()}/${v}`, v, middle());
     else stage.close(`${view().name} is a ${view().kind}: there is no picture.`);
@@ -135,7 +136,7 @@ async function select({ experiment: e, repetition: r, view: v }) {
     stage.close(error.message);
   }
   showFilm();
-  await measured;
+  await (measured ?? showMeasured());
 }
 
 /** Of the marks of a clip the frame in the middle, where most is seen; the first one else. */
@@ -201,9 +202,7 @@ async function showMeasured() {
   results.set(key, result);
   showResult(result, before?.key === result.key ? before.before : before);
   result.before = before?.key === result.key ? before.before : before;
-  // the views of the marks are those that were measured, without rejected ones
-  const numbers = result.views.map((name) => views().findIndex((each) => each.name === name));
-  stage.marks = result.marks.map((mark) => ({ ...mark, view: numbers[mark.view] ?? mark.view }));
+  stage.marks = result.marks;
   showLegend(stage.marks.filter((mark) => mark.view === shown.view), view().stated);
   stage.draw();
   if (stage.film && result.frame) stage.show(result.frame);
