@@ -16,7 +16,7 @@ test-slow: $(READY)
 	$(BIN)/pytest -q -m slow
 
 # what is checked for the words to avoid (docs/word_list.txt)
-PLAIN := *.py *.md benchmarks commands compare docs lab measure sample_media sim tests training
+PLAIN := *.py *.md benchmarks commands compare docs lab measure review sample_media sim tests training
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -14,6 +14,7 @@ from rigtwin.lab.errors import Mark
 from rigtwin.lab.file.lab_file import Experiment, Lab, lab_of
 from rigtwin.lab.file.schema import Document, FileEntry, LabFile, keys_of_camera, read_document, validated
 from rigtwin.lab.formatting import reading, siblings, title
+from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.measure.media.photo import PHOTOS
@@ -155,5 +156,5 @@ def _results(out: Path) -> Iterator[dict[str, str]]:
     """Reports and tables of earlier commands in the lab's folder of results."""
     if out.is_dir():
         for file in sorted(out.iterdir(), key=lambda each: (each.suffix != ".html", each.name)):
-            if file.is_file() and file.suffix in SHOWN_RESULTS:
+            if file.is_file() and file.suffix in SHOWN_RESULTS and not lies_outside(file, out):
                 yield {"name": file.name}

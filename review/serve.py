@@ -15,6 +15,7 @@ import uvicorn
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.review.application import Review
+from rigtwin.review.described import OpenLab
 from rigtwin.review.guard import Guard
 
 HOST = "127.0.0.1"
@@ -52,25 +53,23 @@ def serve(
         If the port is taken.
     """
     path = lab / "lab.toml" if lab.is_dir() else lab
-    review = Review(path, allow_outside=allow_outside)
-    with closing(review):
-        review.opened()
-        with closing(_listening(port)) as listener:
-            bound, token = listener.getsockname()[1], secrets.token_urlsafe(24)
-            address = f"http://{HOST}:{bound}/?token={token}"
-            threading.Thread(target=review.look_ahead, daemon=True).start()
-            announce(address)
-            if browser:
-                threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
-            config = uvicorn.Config(
-                Guard(review.application, bound, token),
-                log_level="error" if os.environ.get("RIGTWIN_DEBUG") else "critical",
-                access_log=False,
-                server_header=False,
-                lifespan="off",
-                timeout_graceful_shutdown=GRACE,
-            )
-            uvicorn.Server(config).run(sockets=[listener])
+    OpenLab.read(path, allow_outside=allow_outside)
+    with closing(_listening(port)) as listener, closing(Review(path, allow_outside=allow_outside)) as review:
+        bound, token = listener.getsockname()[1], secrets.token_urlsafe(24)
+        address = f"http://{HOST}:{bound}/?token={token}"
+        threading.Thread(target=review.look_ahead, daemon=True).start()
+        announce(address)
+        if browser:
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        config = uvicorn.Config(
+            Guard(review.application, bound, token),
+            log_level="error" if os.environ.get("RIGTWIN_DEBUG") else "critical",
+            access_log=False,
+            server_header=False,
+            lifespan="off",
+            timeout_graceful_shutdown=GRACE,
+        )
+        uvicorn.Server(config).run(sockets=[listener])
 
 
 def _listening(port: int | None) -> socket.socket:

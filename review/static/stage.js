@@ -40,6 +40,7 @@ export class Stage {
     this.view = view;
     this.media = null;
     this.marks = [];
+    delete document.documentElement.dataset.frame;
     const media = await get(`/api/media/${place}`);
     if (this.place !== place) return;
     this.media = media;
@@ -59,6 +60,7 @@ export class Stage {
     this.place = null;
     this.media = null;
     this.marks = [];
+    delete document.documentElement.dataset.frame;
     $("picture").hidden = true;
     $("no-picture").hidden = false;
     $("no-picture").textContent = why;
