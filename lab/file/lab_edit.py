@@ -10,7 +10,6 @@ import shutil
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +136,7 @@ def with_key(content: bytes, path: Path, experiment: int, key: Sequence[str], va
     try:
         document = tomlkit.parse(text.replace("\r\n", "\n"))
         _put(document["experiments"][experiment], key, value)
-        changed = _spaced(text.replace("\r\n", "\n"), tomlkit.dumps(document))
+        changed = _laid_out(text.replace("\r\n", "\n"), tomlkit.dumps(document))
         right = tomllib.loads(changed) == wanted
     except (TOMLKitError, ValueError, TypeError, KeyError, AttributeError):  # a layout that tomlkit cannot change
         right = False
@@ -190,14 +189,31 @@ def _put(table: Any, key: Sequence[str], value: Value) -> None:
         table.remove(first)
 
 
-def _spaced(before: str, after: str) -> str:
-    """The changed text with a blank line before each header that follows a key directly, where it did not so far."""
-    old = before.split("\n")
-    pairs = set(pairwise(old))
-    lines: list[str] = []
-    for line in after.split("\n"):
-        above = lines[-1] if lines else ""
-        if line.startswith("[") and above.strip() and not above.startswith("#") and (above, line) not in pairs:
-            lines.append("")
-        lines.append(line)
-    return "\n".join(lines)
+def _laid_out(before: str, after: str) -> str:
+    """The changed text with its new lines behind the keys that they belong to, and one blank line before a header.
+
+    A comment behind a blank line is about what follows, so new lines stand before both.
+    """
+    old, new = before.split("\n"), after.split("\n")
+    same = _common(old, new)
+    same_end = _common(old[same:][::-1], new[same:][::-1])
+    gone, added = old[same : len(old) - same_end], new[same : len(new) - same_end]
+    head, tail = old[:same], old[len(old) - same_end :]
+    if not any(gone):
+        lines = [line for line in added if line]
+        keys = max((k for k, line in enumerate(head) if line and not line.startswith("#")), default=-1) + 1
+        place = next((k for k in range(keys, same) if not head[k].strip()), same)
+        head, tail = head[:place], [*head[place:], *gone, *tail]
+        added = ["", *lines] if lines[:1] and lines[0].startswith("[") else lines
+        tail = tail if tail and not tail[0].strip() else ["", *tail]
+    elif not any(added):
+        # a blank line stood on either side of what is gone
+        added = []
+        if head and tail and not head[-1].strip() and not tail[0].strip():
+            head = head[:-1]
+    return "\n".join([*head, *added, *tail])
+
+
+def _common(one: Sequence[str], other: Sequence[str]) -> int:
+    """How many lines are the same from the beginning."""
+    return next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))

@@ -61,6 +61,7 @@ class Video:
     source: pictures.Source = field(repr=False)
     warnings: tuple[str, ...] = field(default=())
     skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
+    excluded: frozenset[int] = field(default=frozenset())  # those of them that the user leaves out
 
     @property
     def spoilt(self) -> str:
@@ -198,8 +199,22 @@ def open_video(path: Path, camera: Camera) -> Video:
     excluded = _excluded(camera, times)
     if sum(index not in excluded for index in range(first, last + 1)) < 3:
         raise BadInput(f"{path}: --exclude leaves fewer than three frames; leave out less of the clip.")
+    if camera.exclude and not excluded:
+        warnings.append(f"--exclude lies beyond the last picture ({len(times) - 1}f): nothing is left out.")
     return Video(
-        path, width, height, len(times), rate, plays_at, times, first, last, film, (*warnings, *oddities), excluded
+        path,
+        width,
+        height,
+        len(times),
+        rate,
+        plays_at,
+        times,
+        first,
+        last,
+        film,
+        (*warnings, *oddities),
+        skipped=excluded,
+        excluded=excluded,
     )
 
 
