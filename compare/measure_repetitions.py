@@ -61,11 +61,16 @@ def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
     return name == other and (same[1:] == others[1:] if only else same == others)
 
 
-def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:
-    """Measure one repetition from its media, or from a tracked record (CSV); pictures are written into `out`."""
+def measure_repetition(
+    experiment: Experiment, views: Sequence[Path], out: Path | None, **more: Any
+) -> Measurement | Failure:
+    """Measure one repetition from its media, or from a tracked record (CSV); pictures are written into `out`.
+
+    `more` are further keyword arguments of the rig's `measure`.
+    """
     try:
         with unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)):
-            return _measure(experiment, views, out)
+            return _measure(experiment, views, out, **more)
     except RigtwinError as error:
         return Failure(views[0], str(error), error.seen if isinstance(error, BadInput) else None)
 
@@ -130,7 +135,7 @@ def _places(experiment: Experiment, folder: Path) -> list[Path]:
     return [folder / f"r{number:02d}" for number in range(1, len(experiment.repetitions) + 1)]
 
 
-def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
+def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None, **more: Any) -> Measurement:
     from rigtwin.measure.geometry.calibration_board import straightened
 
     entry = entry_of(experiment)
@@ -145,6 +150,7 @@ def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) ->
         table=experiment.table,
         out=out,
         progress=silent,
+        **more,
     )
     return measurement
 

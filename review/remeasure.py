@@ -8,22 +8,26 @@ import pickle
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib import import_module
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.compare.worker_processes import Workers
+from rigtwin.lab.arrays import Image
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.quantity import Measurement
 
 AT_ONCE = 2  # processes: while one is stopped and started again, the other one measures with the new settings
 KEPT = 64  # results
+PHOTOS_KEPT = 6  # in each process: a change of one photo of a repetition leaves the others as they were observed
 MEMORY_SHORT = (
     "the process that measured ended without a result, most likely because memory ran out; close other programs, or "
     "give a shorter clip or smaller photos."
@@ -85,8 +89,10 @@ class Remeasuring:
         for slot in self._slots:
             if slot.busy and slot.views == views:
                 slot.renew()
-        idle = next((slot for slot in self._slots if not slot.busy and slot.loaded), None)
-        chosen = idle or next((slot for slot in self._slots if not slot.busy), self._slots[0])
+        idle = [slot for slot in self._slots if not slot.busy]
+        # one that has observed these media before, else one that has loaded its libraries
+        idle.sort(key=lambda slot: (slot.views != views, not slot.loaded))
+        chosen = idle[0] if idle else self._slots[0]
         if chosen.busy:
             chosen.renew()
         self._slots.remove(chosen)
@@ -160,8 +166,27 @@ def _hand_on(done: Future[Remeasured], promised: Future[Remeasured], views: tupl
 
 def _measure(experiment: Experiment, views: tuple[Path, ...]) -> Remeasured:
     begun = time.perf_counter()
-    found = measure_repetition(experiment, views, None)
+    more = {"observe_each": _remembering(experiment.rig_name)} if experiment.rig.several_views else {}
+    found = measure_repetition(experiment, views, None, **more)
     return Remeasured(found, time.perf_counter() - begun)
+
+
+@cache
+def _remembering(rig: str) -> Callable[..., Any]:
+    """What observes a photo of this rig, and does not do so again for the same photo and settings."""
+    observe = import_module(f"rigtwin.measure.{rig}.observe").observe_photo
+    known: OrderedDict[Any, Any] = OrderedDict()
+
+    def observed(photo: Path, image: Image, *settings: Any) -> Any:
+        key = (photo, photo.stat().st_mtime_ns, settings)
+        if key not in known:
+            known[key] = observe(photo, image, *settings)
+            while len(known) > PHOTOS_KEPT:
+                known.popitem(last=False)
+        known.move_to_end(key)
+        return known[key]
+
+    return observed
 
 
 def _load() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from rigtwin.measure.packing.checks import BY_HAND
 from rigtwin.measure.packing.cylinder import Bed
 from rigtwin.measure.packing.evaluate import evaluate_views
 from rigtwin.measure.packing.figures import picture_marks, write_pictures
-from rigtwin.measure.packing.observe import observe
+from rigtwin.measure.packing.observe import observe_photo
 from rigtwin.measure.refusal import shows_refusals
 
 # ---------------------------------------------------------------------------------------------------- media -> record
@@ -41,6 +41,7 @@ def measure(
     bead_density: float | None = None,
     spheres: bool = True,
     table: TableOptions | None = None,
+    observe_each: Callable[..., Any] = observe_photo,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -64,6 +65,8 @@ def measure(
         Whether the beads are equal spheres; other shapes have a wider range of possible solid fractions.
     table : TableOptions, optional
         Columns of a table.
+    observe_each : callable, optional
+        What observes one photo; `rigtwin.measure.packing.observe.observe_photo`, or the same with a memory.
     out : Path, optional
         Folder for overlay, plot and profile table.
     progress : Progress
@@ -128,7 +131,7 @@ def measure(
             continue
         image, odd = pictures[photo]
         warnings += odd
-        bed, observation, view, found = observe(photo, image, cameras[photo], cylinder_diameter, bead_diameter)
+        bed, observation, view, found = observe_each(photo, image, cameras[photo], cylinder_diameter, bead_diameter)
         seen.append(observation)
         views.append(view)
         checks += found

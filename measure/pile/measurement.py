@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ def measure(
     base_diameter: float | None = None,
     bead_diameter: float | None = None,
     table: TableOptions | None = None,
+    observe_each: Callable[..., Any] = observe_photo,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -44,6 +45,8 @@ def measure(
         Bead diameter [m].
     table : TableOptions, optional
         Columns of a table.
+    observe_each : callable, optional
+        What observes one photo; `rigtwin.measure.pile.observe.observe_photo`, or the same with a memory.
     out : Path, optional
         Folder for overlay, plot and profile table.
     progress : Progress
@@ -84,7 +87,7 @@ def measure(
         if is_table(photo):
             seen, view, marked, draw = observe_table(photo, name, cameras[photo], table, base_diameter)
         else:
-            seen, view, marked, draw = observe_photo(
+            seen, view, marked, draw = observe_each(
                 photo, *pictures[photo], name, cameras[photo], base_diameter, bead_diameter
             )
         observations.append(seen)

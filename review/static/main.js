@@ -8,6 +8,7 @@ import { Stage } from "./stage.js";
 const $ = (id) => document.getElementById(id);
 const SLOWEST = 4; // frames per second of a clip that is played, and the fastest a screen needs
 const FASTEST = 30;
+const PASSING = 250; // [ms]
 
 const shown = { experiment: -1, repetition: -1, view: -1 };
 const results = new Map(); // experiment/repetition -> last result
@@ -136,7 +137,7 @@ async function select({ experiment: e, repetition: r, view: v }) {
     stage.close(error.message);
   }
   showFilm();
-  await (measured ?? showMeasured());
+  await (measured ?? showMeasured(true));
 }
 
 /** Of the marks of a clip the frame in the middle, where most is seen; the first one else. */
@@ -185,7 +186,7 @@ function showList() {
 }
 
 /** Ask for the measurement; the server answers as soon as it is there. */
-async function showMeasured() {
+async function showMeasured(passing = false) {
   waiting?.abort();
   waiting = new AbortController();
   const key = place();
@@ -193,6 +194,7 @@ async function showMeasured() {
   showResult(null);
   let result;
   try {
+    if (passing) await rested(waiting.signal);
     result = await get(`/api/result/${key}`, waiting.signal);
   } catch (error) {
     if (error.name !== "AbortError") problem(error);
@@ -207,6 +209,12 @@ async function showMeasured() {
   stage.draw();
   if (stage.film && result.frame) stage.show(result.frame);
 }
+
+/** A moment, in which a person who only passes by has gone on. */
+const rested = (signal) => new Promise((go, stopped) => {
+  const timer = setTimeout(go, PASSING);
+  signal.addEventListener("abort", () => { clearTimeout(timer); stopped(signal.reason); });
+});
 
 function showFilm() {
   $("film").hidden = !stage.film;
