@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
@@ -21,7 +22,8 @@ from starlette.staticfiles import StaticFiles
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_edit import LabEdit
-from rigtwin.review.described import SHOWN_RESULTS, OpenLab, kind_of, result_json
+from rigtwin.review.compared import SHOWN
+from rigtwin.review.described import OpenLab, kind_of, result_json
 from rigtwin.review.frames import Pictures
 from rigtwin.review.remeasure import Remeasuring
 
@@ -160,13 +162,17 @@ class Review:
         _, medium, camera, photo = await self._medium(request)
         index = request.path_params["index"]
         data = await run_in_threadpool(self.pictures.picture, medium, camera, index, photo=photo)
-        return Response(data, media_type="image/jpeg", headers={"cache-control": "private, max-age=600"})
+        # the first picture goes before the processes that measure, whose start takes all of the processor
+        started = BackgroundTask(self.measuring.warm_up)
+        return Response(
+            data, media_type="image/jpeg", headers={"cache-control": "private, max-age=600"}, background=started
+        )
 
     async def result_file(self, request: Request) -> Response:
         """A file that an earlier command wrote into the lab's folder of results."""
         out = (self.path.parent / "out").resolve()
         file = (out / request.path_params["name"]).resolve()
-        if not file.is_relative_to(out) or file.suffix not in SHOWN_RESULTS or not file.is_file():
+        if not file.is_relative_to(out) or file.suffix not in SHOWN or not file.is_file():
             raise LookupError
         return FileResponse(file, headers={"content-security-policy": REPORT_POLICY})
 

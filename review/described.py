@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,12 @@ from rigtwin.lab.errors import Mark
 from rigtwin.lab.file.lab_file import Experiment, Lab, lab_of
 from rigtwin.lab.file.schema import Document, FileEntry, LabFile, keys_of_camera, read_document, validated
 from rigtwin.lab.formatting import reading, siblings, title
-from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.measure.media.photo import PHOTOS
 from rigtwin.measure.media.sound import is_sound
+from rigtwin.review.compared import comparison, result_files
 from rigtwin.review.remeasure import Remeasured
-
-SHOWN_RESULTS = (".html", ".csv", ".json", ".toml", ".svg", ".png", ".webp", ".mp4")
-"""Endings of the result files that are linked or shown."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,8 @@ class OpenLab:
                 }
                 for one, entry in zip(self.lab.experiments, self.file.experiments, strict=True)
             ],
-            "results": list(_results(self.lab.folder / "out")),
+            "results": result_files(self.lab.folder / "out"),
+            "compared": comparison(self.lab.path),
         }
 
 
@@ -150,11 +148,3 @@ def _mark_json(mark: Mark, view: int) -> dict[str, Any]:
         "frames": [int(frame) for frame in mark.frames],
         "view": view,
     }
-
-
-def _results(out: Path) -> Iterator[dict[str, str]]:
-    """Reports and tables of earlier commands in the lab's folder of results."""
-    if out.is_dir():
-        for file in sorted(out.iterdir(), key=lambda each: (each.suffix != ".html", each.name)):
-            if file.is_file() and file.suffix in SHOWN_RESULTS and not lies_outside(file, out):
-                yield {"name": file.name}

@@ -79,6 +79,12 @@ class Remeasuring:
             self._results.move_to_end(key)
             return key, self._results[key]
 
+    def warm_up(self) -> None:
+        """Start the processes, which load their libraries meanwhile."""
+        with self._lock:
+            for slot in self._slots:
+                slot.begin()
+
     def close(self) -> None:
         """End the processes at once."""
         with self._lock:
@@ -107,7 +113,9 @@ class _Slot:
         self.views: tuple[Path, ...] = ()
         self._promised: Future[Remeasured] = Future()
         self._promised.cancel()
-        self._begin()
+        self._workers: Workers | None = None
+        self._loading: Future[None] = Future()
+        self._processes: set[BaseProcess] = set()
 
     @property
     def busy(self) -> bool:
@@ -120,34 +128,38 @@ class _Slot:
 
     def start(self, experiment: Experiment, views: tuple[Path, ...]) -> Future[Remeasured]:
         self.views = views
-        promised: Future[Remeasured] = Future()
-        self._promised = promised
+        workers = self.begin()
         try:
-            job = self._workers.submit(_measure, experiment, views)
+            job = workers.submit(_measure, experiment, views)
         except BrokenProcessPool:  # the process was ended by the system meanwhile
             self.stop()
-            self._begin()
-            self._promised = promised = Future()
-            job = self._workers.submit(_measure, experiment, views)
+            job = self.begin().submit(_measure, experiment, views)
+        promised: Future[Remeasured] = Future()
+        self._promised = promised
         job.add_done_callback(lambda done: _hand_on(done, promised, views))
         return promised
 
     def renew(self) -> None:
         """Stop what is measured, and begin a new process."""
         self.stop()
-        self._begin()
+        self.begin()
 
     def stop(self) -> None:
         self._promised.cancel()
         for process in self._processes:
             process.terminate()
-        self._workers.close()
+        if self._workers is not None:
+            self._workers.close()
+            self._workers = None
 
-    def _begin(self) -> None:
-        others = set(multiprocessing.active_children())
-        self._workers = Workers(1)
-        self._loading = self._workers.submit(_load)
-        self._processes: set[BaseProcess] = set(multiprocessing.active_children()) - others
+    def begin(self) -> Workers:
+        """Start the process, unless it runs."""
+        if self._workers is None:
+            others = set(multiprocessing.active_children())
+            self._workers = Workers(1)
+            self._loading = self._workers.submit(_load)
+            self._processes = set(multiprocessing.active_children()) - others
+        return self._workers
 
 
 def _hand_on(done: Future[Remeasured], promised: Future[Remeasured], views: tuple[Path, ...]) -> None:

@@ -52,6 +52,10 @@ def serve(
     BadInput
         If the port is taken.
     """
+    if lab.is_file() and lab.suffix != ".toml":
+        raise BadInput(
+            f"{lab}: is no lab; start one with `rigtwin init DIR`, and name this file under repetitions there."
+        )
     path = lab / "lab.toml" if lab.is_dir() else lab
     OpenLab.read(path, allow_outside=allow_outside)
     with closing(_listening(port)) as listener, closing(Review(path, allow_outside=allow_outside)) as review:

@@ -1,7 +1,7 @@
 // The page: which repetition is shown, its measurement, and changes of lab.toml.
 
 import { get, post } from "./api.js";
-import { node, showLegend, showParts, showResult, showTools, showVerdict } from "./panel.js";
+import { node, showLegend, showParts, showResult, showTools, showTwin, showVerdict } from "./panel.js";
 import { PLACES } from "./places.js";
 import { Stage } from "./stage.js";
 
@@ -122,6 +122,8 @@ async function select({ experiment: e, repetition: r, view: v }) {
   const other = `${e}/${r}/${v}` !== `${place()}/${shown.view}`;
   Object.assign(shown, { experiment: e, repetition: r, view: v });
   if (other) {
+    waiting?.abort();
+    showResult(null);
     stop();
     choose(null, false);
     from = null;
@@ -161,12 +163,13 @@ function showAll() {
     type: "button", "aria-pressed": String(v === shown.view), onclick: () => select({ ...shown, view: v }),
   }, each.name.split("/").pop())) : []));
   showVerdict(view());
+  showTwin(lab.compared, experiment().id);
   stage.stated = view().stated;
   stage.keys = experiment().keys;
   showTools(experiment().keys, view(), { tool, choose, remove });
   showLegend(stage.marks.filter((mark) => mark.view === shown.view), view().stated);
-  $("results").replaceChildren(...lab.results.filter((file) => file.name.endsWith(".html")).map((file) =>
-    node("a", { href: `/results/${encodeURIComponent(file.name)}`, target: "_blank", rel: "noopener" }, file.name.replace(".html", ""))));
+  $("results").replaceChildren(...lab.results.filter((name) => name.endsWith(".html")).map((name) =>
+    node("a", { href: `/results/${encodeURIComponent(name)}`, target: "_blank", rel: "noopener" }, name.replace(".html", ""))));
   stage.draw();
 }
 

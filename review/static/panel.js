@@ -31,7 +31,10 @@ export function showResult(result, before) {
   $("refused").textContent = result?.refused ?? "";
   $("state").textContent = result ? `(in ${result.seconds.toFixed(1)} s)` : "measuring ...";
   $("numbers").setAttribute("aria-busy", String(!result));
-  if (!result) return;
+  if (!result) {
+    delete document.documentElement.dataset.result;
+    return;
+  }
   document.documentElement.dataset.result = result.key;
   const old = new Map((before?.quantities ?? []).map((each) => [nameOf(each), each.text]));
   $("numbers").tBodies[0].replaceChildren(...(result.quantities ?? []).map((each) => row(each, old.get(nameOf(each)))));
@@ -113,6 +116,18 @@ export function showParts(view, times, actions) {
     bar.style.width = `${(100 * Math.max(b - a, 0)) / times.length}%`;
     return bar;
   }));
+}
+
+// ------------------------------------------------------------------------------------------------- beside the twin
+
+/** What the last comparison found of an experiment. */
+export function showTwin(compared, id) {
+  const rows = compared.rows?.[id] ?? [];
+  $("twin-part").hidden = !rows.length;
+  $("twin-old").hidden = !compared.changed_since;
+  $("twin").tBodies[0].replaceChildren(...rows.map((row) => node("tr", { title: row.verdict },
+    node("td", {}, row.title, node("small", { class: "faint" }, ` ${row.method}`)),
+    node("td", {}, row.measured), node("td", {}, row.simulated), node("td", {}, row.deviation))));
 }
 
 // --------------------------------------------------------------------------------------------------------- verdict
