@@ -180,10 +180,9 @@ def figures(browser: Any, folder: Path) -> list[Row]:
 def pictures(browser: Any, folder: Path, out: Path) -> list[Row]:
     with served(sample_lab(folder / "lab")) as address:
         page = Page(browser, address)
-        page.measured()
-        page.page.keyboard.press("[")
-        page.page.locator("#slider").evaluate("it => { it.value = 70; it.dispatchEvent(new Event('input')); }")
-        page.page.locator('html[data-frame="70"]').wait_for(state="attached")
+        page.show("pendulum/r01.mp4")
+        page.page.locator("#slider").evaluate("it => { it.value = 95; it.dispatchEvent(new Event('input')); }")
+        page.page.locator('html[data-frame="95"]').wait_for(state="attached")
         _save(page, out / "review-clip.webp")
         page.page.emulate_media(color_scheme="dark")
         page.show("pile/view1.jpg")
