@@ -162,6 +162,7 @@ function showAll() {
   $("views").replaceChildren(...(views().length > 1 ? views().map((each, v) => node("button", {
     type: "button", "aria-pressed": String(v === shown.view), onclick: () => select({ ...shown, view: v }),
   }, each.name.split("/").pop())) : []));
+  $("film").hidden = view().kind !== "clip"; // before the picture comes, which must not move then
   showVerdict(view());
   showTwin(lab.compared, experiment().id);
   stage.stated = view().stated;
@@ -220,7 +221,6 @@ const rested = (signal) => new Promise((go, stopped) => {
 });
 
 function showFilm() {
-  $("film").hidden = !stage.film;
   $("film-part").hidden = !stage.film;
   if (!stage.film) return;
   $("slider").max = stage.media.times.length - 1;

@@ -230,6 +230,7 @@ export class Stage {
       window.removeEventListener("pointercancel", end);
       this.dragging = false;
       group.remove();
+      if (last.type === "pointerup" && touched) to = inside(this.at(last));
       const point = PLACES[key].form === "points" || PLACES[key].form === "level";
       if (last.type === "pointerup" && (touched || (point && this.tool))) done(shapeAt(to), to);
       else this.draw();

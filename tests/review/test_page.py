@@ -175,6 +175,7 @@ def test_a_wrong_base_line_is_corrected_by_drag_and_gives_what_the_command_line_
 def test_the_last_change_is_taken_back(opened):
     opened.state("Region", (50, 100), (950, 700))
     assert "region" in opened.text
+    playwright.expect(opened.page.get_by_role("button", name="Undo")).to_be_enabled()
     with opened.page.expect_response("**/api/undo"):
         opened.page.keyboard.press("Control+z")
     assert opened.text == LAB
