@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import threading
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from functools import wraps
-from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from starlette.staticfiles import StaticFiles
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_edit import LabEdit
-from rigtwin.review.compared import SHOWN
+from rigtwin.review.compared import result_file
 from rigtwin.review.described import OpenLab, kind_of, result_json
 from rigtwin.review.frames import Pictures
 from rigtwin.review.remeasure import Remeasuring
@@ -170,10 +170,7 @@ class Review:
 
     async def result_file(self, request: Request) -> Response:
         """A file that an earlier command wrote into the lab's folder of results."""
-        out = (self.path.parent / "out").resolve()
-        file = (out / request.path_params["name"]).resolve()
-        if not file.is_relative_to(out) or file.suffix not in SHOWN or not file.is_file():
-            raise LookupError
+        file = result_file(self.path.parent, request.path_params["name"])
         return FileResponse(file, headers={"content-security-policy": REPORT_POLICY})
 
     async def _medium(self, request: Request) -> tuple[OpenLab, Path, Any, bool]:
@@ -220,9 +217,8 @@ async def _body(request: Request) -> dict[str, Any]:
         content += part
         if len(content) > LARGEST_REQUEST:
             raise BadInput("this change is too large; change one thing at a time.")
-    request._body = bytes(content)
-    with suppress(JSONDecodeError, UnicodeDecodeError):
-        change = await request.json()
+    with suppress(ValueError):  # no JSON, or no text
+        change = json.loads(content)
         if isinstance(change, dict):
             return change
     raise BadInput("this is no change of lab.toml; load the page again.")

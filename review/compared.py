@@ -8,17 +8,28 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.lab.formatting import percent, reading, siblings, title
-from rigtwin.lab.input_files import LARGEST_TABLE, lies_outside
+from rigtwin.lab.input_files import LARGEST_TABLE
 
 SHOWN = (".html", ".csv", ".json", ".toml", ".svg", ".png", ".webp", ".mp4")
 """Endings of the result files that are linked or shown."""
 
 
-def result_files(out: Path) -> list[str]:
-    """Names of the reports and tables of earlier commands, reports first."""
-    if not out.is_dir():
-        return []
-    found = [file for file in out.iterdir() if file.is_file() and file.suffix in SHOWN and not lies_outside(file, out)]
+def result_file(folder: Path, name: str) -> Path:
+    """A file of the lab's folder of results.  Raises `LookupError` for any other, also behind a link."""
+    out = folder.resolve() / "out"
+    file = (out / name).resolve()
+    if not file.is_relative_to(out) or file.suffix not in SHOWN or not file.is_file():
+        raise LookupError(name)
+    return file
+
+
+def result_files(folder: Path) -> list[str]:
+    """Names of the reports and tables that earlier commands wrote into the lab's folder of results, reports first."""
+    found = []
+    with suppress(OSError):  # no such folder
+        for file in (folder / "out").iterdir():
+            with suppress(LookupError):
+                found.append(result_file(folder, file.name))
     return [file.name for file in sorted(found, key=lambda each: (each.suffix != ".html", each.name))]
 
 
@@ -35,10 +46,10 @@ def comparison(lab: Path) -> dict[str, Any]:
     dict
         ``rows`` by name of the experiment, and whether lab.toml has been changed since; empty if nothing was compared.
     """
-    file = lab.parent / "out" / "deviations.json"
     with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # none, or not of ours
+        file = result_file(lab.parent, "deviations.json")
         state = file.stat()
-        if state.st_size > LARGEST_TABLE or lies_outside(file, file.parent):
+        if state.st_size > LARGEST_TABLE:
             return {}
         found = json.loads(file.read_text(encoding="utf-8"))["deviations"]
         rows: dict[str, list[dict[str, str]]] = {}

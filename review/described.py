@@ -67,7 +67,7 @@ class OpenLab:
                 }
                 for one, entry in zip(self.lab.experiments, self.file.experiments, strict=True)
             ],
-            "results": result_files(self.lab.folder / "out"),
+            "results": result_files(self.lab.folder),
             "compared": comparison(self.lab.path),
         }
 

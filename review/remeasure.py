@@ -40,6 +40,8 @@ class Remeasured:
 
     found: Measurement | Failure
     seconds: float
+    ended: bool = False
+    """Whether the system ended the process that measured."""
 
 
 class Remeasuring:
@@ -72,7 +74,7 @@ class Remeasuring:
         """
         key = _key(experiment, views)
         with self._lock:
-            if key not in self._results or self._results[key].cancelled():
+            if not _useful(self._results.get(key)):
                 self._results[key] = self._started(experiment, tuple(views))
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
@@ -154,12 +156,21 @@ class _Slot:
 
     def begin(self) -> Workers:
         """Start the process, unless it runs."""
+        if not all(process.is_alive() for process in self._processes):
+            self.stop()
         if self._workers is None:
             others = set(multiprocessing.active_children())
             self._workers = Workers(1)
             self._loading = self._workers.submit(_load)
             self._processes = set(multiprocessing.active_children()) - others
         return self._workers
+
+
+def _useful(known: Future[Remeasured] | None) -> bool:
+    """Whether a result is there or will come; where the system ended the process it is tried again."""
+    if known is None or known.cancelled():
+        return False
+    return not known.done() or (known.exception() is None and not known.result().ended)
 
 
 def _hand_on(done: Future[Remeasured], promised: Future[Remeasured], views: tuple[Path, ...]) -> None:
@@ -169,7 +180,7 @@ def _hand_on(done: Future[Remeasured], promised: Future[Remeasured], views: tupl
         if done.cancelled():
             promised.cancel()
         elif isinstance(error := done.exception(), BrokenProcessPool):
-            promised.set_result(Remeasured(Failure(views[0], MEMORY_SHORT), 0.0))
+            promised.set_result(Remeasured(Failure(views[0], MEMORY_SHORT), 0.0, ended=True))
         elif error is not None:
             promised.set_exception(error)
         else:
