@@ -155,9 +155,14 @@ def figures(browser: Any, folder: Path) -> list[Row]:
     draw_clip(clip / "long.mp4", SECONDS)
     (clip / "lab.toml").write_text(CLIP)
     rows = []
+    first = []
+    for _ in range(small(5, 1)):
+        with served(clip) as address:
+            first.append(Page(browser, address).first)
+    note = f"from the address on, median of {', '.join(f'{each:.2f}' for each in first)}"
+    rows.append(below("1920 x 1080 px clip: first frame", float(np.median(first)), 1.0, unit="s", note=note))
     with served(clip) as address:
         page = Page(browser, address)
-        rows.append(below("1920 x 1080 px clip: first frame", page.first, 1.0, unit="s", note="from the address on"))
         page.measured()
         for how, (start, end, seconds) in SCRUBBED.items():
             rate, longest = page.page.evaluate(SCRUB, [start, end, small(seconds, 1)])

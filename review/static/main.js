@@ -18,7 +18,7 @@ let from = null; // first frame of a part that is about to be left out
 let waiting = null; // aborts the request for a result that is not wanted any more
 let playing = null;
 
-const stage = new Stage({ onPlace: placed, onFrame: frameShown, onProblem: problem });
+const stage = new Stage({ onPlace: placed, onRemove: remove, onFrame: frameShown, onProblem: problem });
 
 const experiment = () => lab.experiments[shown.experiment];
 const views = () => experiment().repetitions[shown.repetition];
@@ -180,11 +180,14 @@ function showList() {
     node("ul", {}, ...one.repetitions.map((each, r) => {
       const current = e === shown.experiment && r === shown.repetition;
       const rejected = each.every((file) => file.rejected);
+      const found = results.get(`${e}/${r}`);
+      const doubtful = found?.quantities?.some((quantity) => quantity.doubtful);
+      const mark = rejected ? "rejected" : found?.refused ? "not measured" : doubtful ? "doubtful" : "";
       const label = each.length > 1 ? `${each[0].name} and ${each.length - 1} more` : each[0].name;
       return node("li", {}, node("button", {
         type: "button", "aria-current": String(current), class: rejected ? "rejected" : "",
         title: rejected ? `Rejected: ${each[0].rejected}` : "", onclick: () => select({ experiment: e, repetition: r, view: 0 }),
-      }, label));
+      }, label, mark ? node("small", { class: "mark" }, mark) : null));
     })),
   ]));
 }
@@ -209,6 +212,7 @@ async function showMeasured(passing = false) {
   showResult(result, before?.key === result.key ? before.before : before);
   result.before = before?.key === result.key ? before.before : before;
   stage.marks = result.marks;
+  showList();
   showLegend(stage.marks.filter((mark) => mark.view === shown.view), view().stated);
   stage.draw();
   if (stage.film && result.frame) stage.show(result.frame);
@@ -324,6 +328,18 @@ $("verdict").addEventListener("submit", (event) => {
   if (!view().rejected) set("rejected", $("reason").value, true);
 });
 $("accept").addEventListener("click", () => set("rejected", null, true));
+
+/** What was changed elsewhere meanwhile, in an editor say, is seen when the person comes back. */
+window.addEventListener("focus", async () => {
+  if (!lab) return;
+  try {
+    lab = await get("/api/lab");
+    problem(null);
+    await select(shown);
+  } catch (error) {
+    problem(error);
+  }
+});
 
 async function start() {
   lab = await get("/api/lab");

@@ -134,7 +134,7 @@ export function showTwin(compared, id) {
 
 export function showVerdict(view) {
   const rejected = Boolean(view.rejected);
-  $("reason").value = view.rejected;
+  if (document.activeElement !== $("reason") || rejected) $("reason").value = view.rejected;
   $("reason").readOnly = rejected;
   $("reject").hidden = rejected;
   $("reject").textContent = view.kind === "photo" ? "Reject this photo" : "Reject this clip";

@@ -11,9 +11,11 @@ const corners = ([x, y, width, height]) => [[x, y], [x + width, y + height]];
 const box = ([[a, b], [c, d]]) => joined(Math.min(a, c), Math.min(b, d), Math.abs(c - a), Math.abs(d - b));
 const drawnLine = (a, b) => [a, b];
 
-const ofKind = (kind) => (marks) => {
+/** Both ends of a line that was found; of one that moves those of its first frame, in that frame. */
+const ofKind = (kind) => (marks, frame) => {
   const mark = marks.find((each) => each.kind === kind && each.points.length > 1);
-  return mark ? [mark.points[0], mark.points[mark.frames.length ? 1 : mark.points.length - 1]] : null;
+  if (!mark || (mark.frames.length && mark.frames[0] !== frame)) return null;
+  return [mark.points[0], mark.points[mark.frames.length ? 1 : mark.points.length - 1]];
 };
 
 const line = (label, kind) => ({

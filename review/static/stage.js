@@ -10,9 +10,12 @@ const HANDLE = 7; // [px of the screen], radius
 const SHORTEST = 4; // [px of the picture], of a drag; a shorter one was a click
 
 export class Stage {
-  /** `onPlace(key, points, index)` is called when a place is stated, `onFrame(index)` when a frame is shown. */
-  constructor({ onPlace, onFrame, onProblem }) {
-    Object.assign(this, { onPlace, onFrame, onProblem });
+  /**
+   * `onPlace(key, points, index)` is called when a place is stated, `onRemove(key, index)` when it is taken out,
+   * `onFrame(index)` when a frame is shown.
+   */
+  constructor({ onPlace, onRemove, onFrame, onProblem }) {
+    Object.assign(this, { onPlace, onRemove, onFrame, onProblem });
     this.svg = $("overlay");
     this.canvas = $("canvas");
     this.zoom = 1;
@@ -114,7 +117,7 @@ export class Stage {
       return;
     }
     const own = this.marks.filter((mark) => mark.view === this.view);
-    const points = this.marksShown ? place.found(own) : null;
+    const points = this.marksShown ? place.found(own, this.index) : null;
     if (points) this.drawHandles(key, points, 0, "found");
   }
 
@@ -159,6 +162,8 @@ export class Stage {
     if (event.key === "Enter") {
       event.stopPropagation();
       written();
+    } else if (event.key === "Delete" && this.stated[key] !== undefined) {
+      this.onRemove(key, index);
     } else if (steps) {
       event.preventDefault();
       event.stopPropagation();
