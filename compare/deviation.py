@@ -406,12 +406,13 @@ def counted(rows: Sequence[Deviation]) -> str:
     '0 quantities measured and simulated'
     """
     kinds = {
-        "differ": ("twin too", "differs"),
+        "differ": ("twin too",),
         "probably differ": ("twin probably",),
         "agree within their uncertainty": ("agrees",),
         "have too few repetitions to tell": ("too few",),
         "are too uncertain to tell": ("too uncertain",),
         "are doubtful": ("doubtful",),
+        "differ from the setting": ("differs from",),
     }
     numbers = {words: sum(row.verdict.startswith(verdicts) for row in rows) for words, verdicts in kinds.items()}
     parts = [f"{number} {words}" for words, number in numbers.items() if number]
