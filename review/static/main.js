@@ -59,12 +59,13 @@ function placed(key, points, index) {
   const kind = PLACES[key];
   const before = view().stated[key];
   let value;
-  if (kind.asks) {
-    const given = before === undefined ? "100 mm" : kind.given(before);
-    askLength(key, points, given);
+  const moved = before !== undefined && !tool; // by one of its handles: frame and length stay
+  if (kind.asks && !moved) {
+    askLength(key, points, before === undefined ? "100 mm" : kind.given(before));
     return;
   }
-  const text = kind.text(points, kind.framed && before !== undefined && !tool ? before.frame : stage.index);
+  const frame = kind.framed && moved ? before.frame : stage.index;
+  const text = kind.text(points, frame, moved ? kind.given?.(before) : undefined);
   if (kind.several) {
     value = (before ?? []).map((each) => kind.text(kind.shape(each)));
     value.splice(index < 0 ? value.length : index, 1, text);

@@ -251,6 +251,10 @@ def test_a_known_length_is_dragged_and_then_written(opened):
     length = read_lab(opened.lab).experiment("heap").camera.known_length
     assert length.length == 0.09
     assert (*length.start, *length.end) == pytest.approx((181, 433, 790, 439), abs=1.5)
+    opened.drag(length.end, (700, 300))
+    moved = read_lab(opened.lab).experiment("heap").camera.known_length
+    assert (moved.length, moved.start) == (0.09, length.start)
+    assert moved.end == pytest.approx((700, 300), abs=1.5)
 
 
 def test_each_place_is_written_under_its_own_key(opened):
