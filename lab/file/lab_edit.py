@@ -73,8 +73,9 @@ class LabEdit:
         table = ("camera",) if file is None else ("files", file)
         after = with_key(before, self.path, experiment, (*table, key), value)
         lab_of(parsed(self.path, after), allow_outside=self.allow_outside)
-        self._write(after)
-        self._done.append((before, after))
+        if after != before:
+            self._write(after)
+            self._done.append((before, after))
 
     def undo(self) -> None:
         """Take the last change back.  Raises `BadInput` if there is none, or the file was changed since."""
@@ -133,6 +134,8 @@ def with_key(content: bytes, path: Path, experiment: int, key: Sequence[str], va
         raise BadInput(f"{path}: has no experiment {experiment + 1} any more; load the page again.")
     text = content.decode("utf-8").removeprefix(BOM)
     wanted = _changed(data, experiment, key, value)
+    if wanted == data:
+        return content
     try:
         document = tomlkit.parse(text.replace("\r\n", "\n"))
         _put(document["experiments"][experiment], key, value)

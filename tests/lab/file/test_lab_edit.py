@@ -177,3 +177,11 @@ def test_a_rejected_file_is_no_repetition(edit, tmp_path):
     assert heap.rejected == {tmp_path / "b.jpg": "out of focus"}
     edit.set(1, "rejected", "out of focus", file="a.jpg")
     assert read_lab(edit.path).experiments[1].repetitions == ()
+
+
+def test_what_stands_there_already_is_no_change(edit):
+    edit.set(0, "frame_rate", "240 Hz")
+    edit.set(0, "region", None)
+    edit.set(0, "rejected", None, file="r02.mp4")
+    assert edit.path.read_text() == LAB
+    assert not edit.can_undo
