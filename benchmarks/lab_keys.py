@@ -115,12 +115,13 @@ def page() -> str:
         parts.append(_table(keys(entry, common)))
     parts.append(f"\n## `[experiments.camera]`\n\n{general.__doc__} Every coordinate is in pixels.\n")
     parts.append(_camera_table())
+    parts += _part('[experiments.files."NAME"]', schema.FileEntry, set(general.model_fields))
     parts += _part("[uncertainty]", schema.UncertaintyEntry)
     return "\n".join(line.rstrip() for line in "".join(parts).split("\n"))
 
 
-def _part(header: str, entry: type[BaseModel]) -> list[str]:
-    return [f"\n## `{header}`\n\n{entry.__doc__}\n", _table(keys(entry))]
+def _part(header: str, entry: type[BaseModel], leave_out: Iterable[str] = ()) -> list[str]:
+    return [f"\n## `{header}`\n\n{entry.__doc__}\n", _table(keys(entry, leave_out))]
 
 
 def _table(rows: Iterable[Key]) -> str:
@@ -228,7 +229,7 @@ def _comment(text: str, before: str = "# ") -> list[str]:
 def _experiment(rig: str, entry: type[schema._ExperimentEntry], *, in_full: bool) -> list[str]:
     """An experiment; with `in_full` also the keys that all have, which are not repeated for the others."""
     common = {"measured", "scatter", "columns", "join"}
-    own = keys(entry, {"id", "rig", "repetitions", "camera", *common})
+    own = keys(entry, {"id", "rig", "repetitions", "camera", "files", *common})
     lines = ["[[experiments]]", f'id = "{rig}-{OWN["particles"]}"', _line(f'rig = "{rig}"', entry.__doc__ or "")]
     lines += _lines(own, LIVE.get(rig, set()))
     (repetitions,) = (key for key in keys(schema._ExperimentEntry) if key.name == "repetitions")
@@ -252,7 +253,15 @@ def _camera(rig: str, *, in_full: bool) -> list[str]:
         if (in_full and not rigs) or rig in rigs or (key.name == "frame_rate" and not photo):
             wanted.append(key)
     header = _line("[experiments.camera]", "the same keys for every experiment") if in_full else "[experiments.camera]"
-    return _entry(header, wanted)
+    lines = _entry(header, wanted)
+    if in_full:
+        (rejected,) = keys(schema.FileEntry, schema.CameraEntry.model_fields)
+        said = (
+            f'The same keys for one file alone stand under [experiments.files."{rig}/r02.mp4"], and {rejected.said}: '
+            f"{rejected.name} = {rejected.example}"
+        )
+        lines[-1:] = [*_comment(said, "#   "), ""]
+    return lines
 
 
 # ---------------------------------------------------------------------- both
@@ -263,7 +272,7 @@ def silent() -> list[str]:
     tables = {
         "lab": schema.LabEntry, "materials": schema.MaterialEntry, "particles": schema.ParticleEntry,
         "contacts": schema.ContactEntry, "uncertainty": schema.UncertaintyEntry, "camera": schema.CameraEntry,
-        "experiments": schema._ExperimentEntry, **schema.experiment_entries(),
+        "files": schema.FileEntry, "experiments": schema._ExperimentEntry, **schema.experiment_entries(),
     }  # fmt: skip
     common = set(schema._ExperimentEntry.model_fields)
     return [

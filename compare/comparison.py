@@ -42,6 +42,7 @@ class Outcome:
         return (
             *((f"measured without a twin: {self.without_twin}",) if self.without_twin else ()),
             *_failed_runs(self),
+            *(f"{file.name} is rejected in lab.toml: {why}" for file, why in self.experiment.rejected.items()),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
@@ -117,6 +118,7 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
         "stated": [quantity.to_json() for quantity in outcome.experiment.measured],
         "measurements": [item.to_json() for item in outcome.measurements],
         "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
+        "rejected": [{"file": str(file), "reason": why} for file, why in outcome.experiment.rejected.items()],
         "twins": [twin.to_json() for twin in outcome.twins],
         **({"without_twin": outcome.without_twin} if outcome.without_twin else {}),
         "warnings": list(outcome.warnings),

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.result_files import plain
+from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.input_files import lies_outside
@@ -35,7 +36,20 @@ _RECORDS: Mapping[str, tuple[type[Any], tuple[str, ...]]] = {
 }
 """Records of a measurement, each with the fields that are arrays."""
 _KNOWN = frozenset(
-    ("id", "rig", "particle", "wall", "camera", "repetitions", "table", "outside", "measured", "scatter")
+    (
+        "id",
+        "rig",
+        "particle",
+        "wall",
+        "camera",
+        "cameras",
+        "rejected",
+        "repetitions",
+        "table",
+        "outside",
+        "measured",
+        "scatter",
+    )
 )
 """Fields of an experiment that do not count in measuring, or are in the key already."""
 
@@ -60,16 +74,13 @@ class KeptMeasurements:
 
         `known` are the keyword arguments of the rig's `measure`.
         """
-        camera = asdict(experiment.camera)
-        if experiment.camera.board is not None:
-            camera["board"]["photo"] = sha256(experiment.camera.board.photo)
         names = {one.name for one in fields(experiment)} - _KNOWN
         further = {name: _of_views(getattr(experiment, name), views) for name in names}
         settings = {
             **further,
             "rig": experiment.rig_name,
             "known": dict(known),
-            "camera": camera,
+            "cameras": [_plain(experiment.camera_of(view)) for view in views],
             "table": asdict(experiment.table),
             "files": [view.name for view in views],
             "content": [sha256(view) for view in views],
@@ -108,6 +119,14 @@ class KeptMeasurements:
 
     def _place(self, key: str, suffix: str) -> Path:
         return self._out / FOLDER / f"{key}{suffix}"
+
+
+def _plain(camera: Camera) -> dict[str, Any]:
+    """The camera with the content of its board's photo in place of the name."""
+    settings = asdict(camera)
+    if camera.board is not None:
+        settings["board"]["photo"] = sha256(camera.board.photo)
+    return settings
 
 
 def _of_views(value: Any, views: Sequence[Path]) -> Any:

@@ -12,7 +12,7 @@ from rigtwin.lab.file.lab_file import Experiment, Fault, Lab, faulty
 from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.tracked.table import is_table
 
-OPTION = re.compile(r"--(region|known-length|start|end|frame-rate)\b")
+OPTION = re.compile(r"--(region|known-length|start|end|exclude|frame-rate)\b")
 """Options of `measure` in its messages; a lab file has them as keys of ``[experiments.camera]``."""
 
 
@@ -25,6 +25,9 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
     lacking: dict[str, str] = {}
     faults: list[Fault] = []
     for experiment in experiments:
+        if experiment.rejected and not (experiment.repetitions or experiment.measured):
+            faults.append(Fault(experiment, ("files",), "all repetitions are rejected; accept one of them."))
+            continue
         rate = _frame_rate(experiment, faults)
         try:
             _need_known(lab, experiment)
@@ -97,7 +100,11 @@ def _need_view(experiment: Experiment) -> float | None:
     to its end for its timestamps.
     """
     camera = experiment.camera
-    stated = any((camera.region, camera.start, camera.end, camera.known_length))
+    cameras = (camera, *experiment.cameras.values())
+    stated = any(
+        (one.region, one.start, one.end, one.exclude, one.known_length) != (None, None, None, (), None)
+        for one in cameras
+    )
     asked = camera.frame_rate is None and not entry_of(experiment).many_particles
     if not experiment.repetitions or (not stated and not asked):
         return camera.frame_rate
@@ -124,8 +131,9 @@ def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
     from rigtwin.measure.media.sound import is_sound
     from rigtwin.measure.media.video import open_video
 
-    camera, rate = experiment.camera, experiment.camera.frame_rate
+    rate = experiment.camera.frame_rate
     for view in views:
+        camera = experiment.camera_of(view)
         if is_table(view) or is_sound(view):  # a tracked record has no pictures
             continue
         if entry_of(experiment).is_photo(view):

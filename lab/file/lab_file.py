@@ -20,6 +20,7 @@ from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.file.repetitions import Views, expanded
 from rigtwin.lab.file.schema import (
     Bracketed,
+    CameraEntry,
     Document,
     ExperimentEntry,
     LabFile,
@@ -27,6 +28,7 @@ from rigtwin.lab.file.schema import (
     Repaired,
     read_document,
     repaired,
+    suggestion,
     validated,
 )
 from rigtwin.lab.file.stated_values import stated_quantities, stated_scatter
@@ -62,6 +64,14 @@ class Experiment:
     """What lab.toml states as measured; it replaces what the repetitions give of the same quantity and method."""
     scatter: Mapping[str, Scatter] = field(default_factory=dict)
     """Scatter from repetition to repetition that lab.toml states, by quantity."""
+    cameras: Mapping[Path, Camera] = field(default_factory=dict)
+    """Cameras of files for which something else is stated than `camera`."""
+    rejected: Mapping[Path, str] = field(default_factory=dict)
+    """Files that lab.toml names but rejects, which are not in `repetitions`, and why."""
+
+    def camera_of(self, view: Path) -> Camera:
+        """What is stated of the camera of one file."""
+        return self.cameras.get(view, self.camera)
 
     @property
     def rig_name(self) -> RigName:
@@ -107,9 +117,12 @@ def read_lab(folder: Path, *, allow_outside: bool = False) -> Lab:
 
     Raises `BadLabFile` in one sentence: the file, the line, the key, what is wrong and what to write instead.
     """
-    path = folder / "lab.toml" if folder.is_dir() else folder
-    document = read_document(path)
-    read = repaired(document, LabFile)
+    return lab_of(read_document(folder / "lab.toml" if folder.is_dir() else folder), allow_outside=allow_outside)
+
+
+def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
+    """The lab that a lab.toml describes, or would describe with this content.  Raises `BadLabFile` like `read_lab`."""
+    path, read = document.path, repaired(document, LabFile)
     file = read.file
     inventory = Inventory(file)
     experiments = [
@@ -222,17 +235,34 @@ def _experiment(
         *wrong,
         *more_wrong,
         *(_media_problems(entry, repetitions, places) if allow_outside or not outside else outside),
-        *_camera_problems(entry, folder, key, allow_outside),
+        *_camera_problems(entry.camera, entry.rig, folder, (*key, "camera"), allow_outside),
+        *_file_problems(entry, folder, repetitions, key, allow_outside),
         *_idle(entry, key),
     ]
     inventory.problems += found
     if particle is None or found or (entry.wall is not None and wall is None):
         return None
-    camera = entry.camera.camera(folder)
-    views = frozenset(view for views in repetitions for view in views if lies_outside(view, folder))
+    rejected = {folder / name: file.rejected for name, file in entry.files.items() if file.rejected}
     return Experiment(
-        entry.id, entry.settings(), particle, wall, camera, tuple(repetitions), entry.table, views, measured, scatter
+        entry.id,
+        entry.settings(),
+        particle,
+        wall,
+        entry.camera.camera(folder),
+        _without(rejected, repetitions),
+        entry.table,
+        frozenset(view for views in repetitions for view in views if lies_outside(view, folder)),
+        measured,
+        scatter,
+        {folder / name: file.over(entry.camera).camera(folder) for name, file in entry.files.items()},
+        rejected,
     )
+
+
+def _without(rejected: Mapping[Path, str], repetitions: Sequence[Views]) -> tuple[Views, ...]:
+    """The repetitions without rejected files, and without those of which no view is left."""
+    left = (tuple(view for view in views if view not in rejected) for views in repetitions)
+    return tuple(views for views in left if views)
 
 
 def _measured(entry: ExperimentEntry, key: Key, read: Repaired[LabFile]) -> tuple[tuple[Quantity, ...], list[Problem]]:
@@ -303,11 +333,25 @@ def _outside(folder: Path, repetitions: Sequence[Views], places: Sequence[Key]) 
                 yield Problem(place, f"{view} {OUTSIDE}")
 
 
-def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key, allow_outside: bool) -> list[Problem]:
-    board = entry.camera.board
+def _camera_problems(camera: CameraEntry, rig: str, folder: Path, key: Key, allow_outside: bool) -> list[Problem]:
+    board = camera.board
     if board is not None and not allow_outside and lies_outside(folder / board.photo, folder):
-        return [Problem((*key, "camera", "board"), f"{folder / board.photo} {OUTSIDE}")]
-    return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder, entry.rig)]
+        return [Problem((*key, "board"), f"{folder / board.photo} {OUTSIDE}")]
+    return [Problem((*key, name), why) for name, why in camera.faults(folder, rig)]
+
+
+def _file_problems(
+    entry: ExperimentEntry, folder: Path, repetitions: Sequence[Views], key: Key, allow_outside: bool
+) -> Iterator[Problem]:
+    """What is wrong with the keys of single files."""
+    known = [view for views in repetitions for view in views]
+    names = [str(view.relative_to(folder)) if view.is_relative_to(folder) else str(view) for view in known]
+    for name, file in entry.files.items():
+        place: Key = (*key, "files", name)
+        if folder / name not in known:
+            yield Problem(place, f"is none of the repetitions; {suggestion(name, names)}.")
+        else:
+            yield from _camera_problems(file.over(entry.camera), entry.rig, folder, place, allow_outside)
 
 
 def _idle(entry: ExperimentEntry, key: Key) -> Iterator[Problem]:

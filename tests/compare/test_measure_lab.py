@@ -120,6 +120,19 @@ def test_a_setting_that_counts_in_measuring_makes_it_new_and_one_of_the_twin_doe
     assert measured == ["bed.csv"]
 
 
+def test_what_is_said_of_one_file_of_a_folder_counts_for_that_file_alone(lab, tmp_path, measured):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    measure_lab(lab, out)
+    measured.clear()
+    drop, bed = LAB.split("\n\n")
+    path.write_text(f'{drop}\n[experiments.files."drops/r2.csv"]\nrejected = "a draught"\n\n{bed}')
+    assert restitution(measure_lab(lab, out)) == pytest.approx([0.51, 0.60], abs=0.003)
+    assert measured == []
+    path.write_text(f'{drop}\n[experiments.files."drops/r2.csv"]\nend = "0.45 s"\n\n{bed}')
+    measure_lab(lab, out)
+    assert measured == ["r2.csv"]
+
+
 def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
     experiment = read_lab(lab).experiments[0]
     out = tmp_path / "out"
