@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep faults fuzz clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-review faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -16,7 +16,7 @@ test-slow: $(READY)
 	$(BIN)/pytest -q -m slow
 
 # what is checked for the words to avoid (docs/word_list.txt)
-PLAIN := *.py *.md benchmarks commands compare docs lab measure sample_media sim tests training
+PLAIN := *.py *.md benchmarks commands compare docs lab measure review sample_media sim tests training
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -95,6 +95,10 @@ bench-campaign: $(READY)
 # COUNT=4 make bench-sweep: packings of 3000 beads (all 56 without COUNT) by rigtwin and by LIGGGHTS; goes on
 bench-sweep: $(READY)
 	$(BIN)/python benchmarks/campaign/sweep_speed.py
+
+# where Chromium is installed; a minute
+bench-review: $(READY)
+	$(BIN)/python benchmarks/review/page_speed.py
 
 # SEED=7 COUNT=10 make faults: 60 kills and 24 double Ctrl-C of six commands, a full disk, two runs in one folder; half an hour
 faults: $(READY)

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from rigtwin.commands import calibrate as calibrating
-from rigtwin.commands import decks, doctor, labs, log_file, measure, runs, simulate
+from rigtwin.commands import decks, doctor, labs, log_file, measure, review, runs, simulate
 from rigtwin.commands import sweep as sweeping
 from rigtwin.commands.display import (
     comparison_warnings,
@@ -126,6 +126,7 @@ app.command(epilog="Example: rigtwin calibrate my-lab --fit static_friction --ho
     calibrating.calibrate
 )
 app.command(epilog="Example: rigtwin diagnose tracked-lab --out diagnosis")(labs.diagnose)
+app.command(epilog="Example: rigtwin review my-lab")(review.review)
 
 
 app.command(epilog="Example: rigtwin doctor --json")(doctor.doctor)

@@ -62,6 +62,7 @@ SCRIPTS = (
     Script("sweep-speed", 1, "campaign/sweep_speed.py"),
     Script("poured-bed", 8, "engine/poured_bed.py"),
     Script("conical", 3, "engine/conical.py"),
+    Script("bench-review", 1, "review/page_speed.py"),
     Script("devices", 2, "engine/devices.py"),
     Script("calibrate_search", 4, "calibrate/search_cost.py"),
     Script("bench-drum-moments", 35, "measure/drum_moments.py"),

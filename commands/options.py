@@ -130,6 +130,10 @@ CAMERA: dict[str, Any] = {
     "region": Annotated[Any, _read_by("region", "--region", "x,y,w,h", f"Look only here (pixels{_STRAIGHT}).")],
     "start": Annotated[Any, _read_by("moment", "--start", "0.25s|60f", "Where to begin, in seconds or frames.")],
     "end": Annotated[Any, _read_by("moment", "--end", "1.5s|360f", "Where to stop, in seconds or frames.")],
+    "exclude": Annotated[
+        list[Any] | None,
+        _read_by("span", "--exclude", "60f..80f|0.2s..0.3s", "Leave this part of the clip out; may be repeated."),
+    ],
     "camera_roll": Annotated[
         Any, _read_by("roll", "--camera-roll", "1.5deg", "Camera roll; positive: the scene looks turned clockwise.")
     ],
@@ -224,7 +228,7 @@ TABLE: dict[str, tuple[Any, Any]] = {
 SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
 
 PHOTO = ("scale", "known_length", "region", "ignore", "camera_roll", "plumb_line", "board")
-FILM = ("frame_rate", "start", "end", *PHOTO)
+FILM = ("frame_rate", "start", "end", "exclude", *PHOTO)
 
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random in the twin.")]
 Cluster = Annotated[
@@ -339,6 +343,7 @@ def camera_of(
     *,
     camera_roll: float | None = None,
     plumb_line: float | None = None,
+    exclude: list[Any] | None = None,
     ignore: list[Any] | None = None,
     pivot: list[Any] | None = None,
     averaged: bool | None = None,
@@ -353,6 +358,7 @@ def camera_of(
     described = camera.Camera(
         **said,
         roll=camera_roll if plumb_line is None else plumb_line,
+        exclude=tuple(exclude or ()),
         ignore=tuple(ignore or ()),
         pivots=tuple(pivot or ()),
         averaged=bool(averaged),

@@ -43,6 +43,7 @@ class Outcome:
     def warnings(self) -> tuple[str, ...]:
         """All warnings of this experiment, each with the name of its file."""
         return (
+            *(f"{file.name} is rejected in lab.toml: {why}" for file, why in self.experiment.rejected.items()),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
@@ -103,6 +104,7 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
         "stated": [quantity.to_json() for quantity in outcome.experiment.measured],
         "measurements": [item.to_json() for item in outcome.measurements],
         "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
+        "rejected": [{"file": str(file), "reason": why} for file, why in outcome.experiment.rejected.items()],
         "twins": [twin.to_json() for twin in outcome.twins],
         "warnings": list(outcome.warnings),
     }

@@ -14,7 +14,7 @@ from typing import Any
 from rigtwin.compare.deviation import key_of, over_views
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
-from rigtwin.lab.errors import RigtwinError
+from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
@@ -29,6 +29,8 @@ class Failure:
 
     source: Path
     message: str
+    seen: Seen | None = None
+    """What was found in the picture, where there is one."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +61,18 @@ def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
     return name == other and (same[1:] == others[1:] if only else same == others)
 
 
-def measure_repetition(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement | Failure:
-    """Measure one repetition from its media, or from a tracked record (CSV); pictures are written into `out`."""
+def measure_repetition(
+    experiment: Experiment, views: Sequence[Path], out: Path | None, **more: Any
+) -> Measurement | Failure:
+    """Measure one repetition from its media, or from a tracked record (CSV); pictures are written into `out`.
+
+    `more` are further keyword arguments of the rig's `measure`.
+    """
     try:
         with unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)):
-            return _measure(experiment, views, out)
+            return _measure(experiment, views, out, **more)
     except RigtwinError as error:
-        return Failure(views[0], str(error))
+        return Failure(views[0], str(error), error.seen if isinstance(error, BadInput) else None)
 
 
 @contextmanager
@@ -128,15 +135,22 @@ def _places(experiment: Experiment, folder: Path) -> list[Path]:
     return [folder / f"r{number:02d}" for number in range(1, len(experiment.repetitions) + 1)]
 
 
-def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None) -> Measurement:
+def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None, **more: Any) -> Measurement:
     from rigtwin.measure.geometry.calibration_board import straightened
 
-    entry, camera = entry_of(experiment), straightened(experiment.camera)
+    entry = entry_of(experiment)
     entry.check_media(experiment, views)
     ruler = import_module(f"rigtwin.measure.{experiment.rig.name}.measurement")
-    media = list(views) if experiment.rig.several_views else views[0]
+    cameras = [straightened(experiment.camera_of(view)) for view in views]
+    several = experiment.rig.several_views
     measurement: Measurement = ruler.measure(
-        media, camera, **known(experiment), table=experiment.table, out=out, progress=silent
+        list(views) if several else views[0],
+        cameras if several else cameras[0],
+        **known(experiment),
+        table=experiment.table,
+        out=out,
+        progress=silent,
+        **more,
     )
     return measurement
 

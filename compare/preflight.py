@@ -11,7 +11,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, fault
 from rigtwin.lab.tracked.table import is_table
 
-OPTION = re.compile(r"--(region|known-length|start|end|frame-rate)\b")
+OPTION = re.compile(r"--(region|known-length|start|end|exclude|frame-rate)\b")
 """Options of `measure` in its messages; a lab file has them as keys of ``[experiments.camera]``."""
 
 
@@ -20,6 +20,8 @@ def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> Non
 
     Raises `BadLabFile`, or `BadInput` for a `count` that the twin cannot have.
     """
+    if experiment.rejected and not (experiment.repetitions or experiment.measured):
+        raise fault(lab, experiment, ("files",), "all repetitions are rejected; accept one of them.")
     rate = _need_view(lab, experiment)
     _need_start(lab, experiment)
     try:
@@ -49,7 +51,11 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     to its end for its timestamps.
     """
     camera = experiment.camera
-    stated = any((camera.region, camera.start, camera.end, camera.known_length))
+    cameras = (camera, *experiment.cameras.values())
+    stated = any(
+        (one.region, one.start, one.end, one.exclude, one.known_length) != (None, None, None, (), None)
+        for one in cameras
+    )
     asked = camera.frame_rate is None and not entry_of(experiment).many_particles
     if not experiment.repetitions or (not stated and not asked):
         return camera.frame_rate
@@ -76,8 +82,9 @@ def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
     from rigtwin.measure.media.sound import is_sound
     from rigtwin.measure.media.video import open_video
 
-    camera, rate = experiment.camera, experiment.camera.frame_rate
+    rate = experiment.camera.frame_rate
     for view in views:
+        camera = experiment.camera_of(view)
         if is_table(view) or is_sound(view):  # a tracked record has no pictures
             continue
         if entry_of(experiment).is_photo(view):

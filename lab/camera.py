@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -100,6 +100,7 @@ class Camera:
     region: tuple[float, float, float, float] | None = None  # [px], x, y, width, height
     start: Moment | None = None
     end: Moment | None = None
+    exclude: tuple[tuple[Moment, Moment], ...] = ()  # first and last moment of each part of the clip that is left out
     roll: float | None = None  # [rad], positive when the scene looks turned clockwise in the picture
     board: Board | None = None
     lens: Lens | None = None  # what the board says; all places below and above are of straight pictures then
@@ -194,6 +195,12 @@ class Camera:
     def scale_uncertainty(self, by_hand: float) -> float:
         """Relative standard uncertainty of `given_scale`: the board's own, else `by_hand`, of a scale read off."""
         return by_hand if self.lens is None else self.lens.uncertainty
+
+
+def camera_for_each(camera: Camera | Sequence[Camera], media: Sequence[Path]) -> dict[Path, Camera]:
+    """The camera of each photo: the same one for all, or one each in the order of the photos."""
+    cameras = [camera] * len(media) if isinstance(camera, Camera) else camera
+    return dict(zip(media, cameras, strict=True))
 
 
 def known_length(text: str, *, name: str = "known_length") -> KnownLength:
@@ -336,6 +343,23 @@ def moment(text: str | float, *, name: str = "start") -> Moment:
     if time < 0:
         raise BadQuantity(f"{name}: {text!r} lies before the clip begins; write it like '0.25 s' or '60 frames'.")
     return Moment(time, "s")
+
+
+def span(text: str, *, name: str = "exclude") -> tuple[Moment, Moment]:
+    """Parse a part of a clip, ``"60f..80f"`` or ``"0.25 s..0.3 s"``, both ends included.
+
+    >>> span("60f..80f")
+    (Moment(value=60.0, unit='frame'), Moment(value=80.0, unit='frame'))
+    """
+    parts = text.split("..")
+    if len(parts) != 2 or not all(part.strip() for part in parts):
+        raise BadQuantity(f"{name}: {text!r} is no part of a clip; write it like '60f..80f' or '0.25 s..0.3 s'.")
+    first, last = moment(parts[0], name=name), moment(parts[1], name=name)
+    if first.unit != last.unit:
+        raise BadQuantity(f"{name}: {text!r} mixes a time and a frame; write it like '60f..80f' or '0.25 s..0.3 s'.")
+    if first.value > last.value:
+        raise BadQuantity(f"{name}: {text!r} ends before it begins; write the earlier moment first.")
+    return first, last
 
 
 def roll(text: str | float, *, name: str = "camera_roll") -> float:

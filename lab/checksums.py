@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 from rigtwin.lab.errors import BadInput
@@ -34,9 +35,22 @@ def copies(files: Iterable[Path]) -> Iterator[tuple[Path, Path]]:
     for size, alike in by_size.items():
         first: dict[str, Path] = {}
         for file in alike if size and len(alike) > 1 else ():
-            original = first.setdefault(sha256(file), file)
+            original = first.setdefault(_remembered(file, *_state(file)), file)
             if original is not file:
                 yield original, file
+
+
+@lru_cache(maxsize=4096)
+def _remembered(path: Path, *_state: tuple[str, int, int]) -> str:
+    """`sha256`, which takes seconds for a large clip, once for the same state of a file."""
+    return sha256(path)
+
+
+def _state(path: Path) -> Iterator[tuple[str, int, int]]:
+    """Name, size and time of the last change of a file, or of the files in a folder."""
+    for file in [path] if path.is_file() else sorted(path.iterdir()):
+        state = file.stat()
+        yield file.name, state.st_size, state.st_mtime_ns
 
 
 def _size(path: Path) -> int:

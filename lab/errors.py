@@ -28,7 +28,10 @@ class Mark:
 
     label: str
     points: Sequence[tuple[float, float]]  # [px]
-    radius: float = 0.0  # [px], of a circle around a single point; 0 for none
+    radius: float = 0.0  # [px], of a circle around a single point, or around each place of a track; 0 for none
+    kind: str = ""  # what it shows: "track", "fit", "outline", "base", "graphical" ...; sets its colour
+    frames: Sequence[int] = ()  # of a film: the frame of each point, if the points are places over time
+    view: int = 0  # number of the photo, of several
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, Mark
 from rigtwin.lab.records import Profile, Series, Track
 
 if TYPE_CHECKING:
@@ -268,6 +268,8 @@ class Measurement(Readable):
     """How a table of tracked data was understood: kind, columns, units, direction of y; empty for a film or photo."""
     files: dict[str, Path] = field(default_factory=dict)
     """Files written: ``overlay`` (annotated video or picture), ``still`` (one picture), ``plot``, ``record``."""
+    marks: tuple[Mark, ...] = ()
+    """Where in the picture the results were found, for the page of `rigtwin review`."""
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin measure --json`."""

@@ -67,15 +67,11 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
         try:
             found = measure(*args, **kwargs)
         except BadInput as error:
-            if (
-                isinstance(out, Path)
-                and isinstance(camera, Camera)
-                and (isinstance(error, NothingToMeasure) or error.seen is not None)
-            ):
+            if isinstance(out, Path) and (isinstance(error, NothingToMeasure) or error.seen is not None):
                 seen = error.seen or Seen()
                 medium = seen.medium or (media[0] if len(media) == 1 else None)
                 if medium is not None:
-                    error.picture = _write(out, medium, camera, seen, error.message)
+                    error.picture = _write(out, medium, _camera(camera, media, medium), seen, error.message)
             raise
         if isinstance(out, Path):
             for medium in media:
@@ -83,6 +79,13 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
         return found
 
     return shown
+
+
+def _camera(given: object, media: Sequence[Path], medium: Path) -> Camera:
+    """The camera of one medium."""
+    if isinstance(given, Sequence):
+        given = given[media.index(medium)]
+    return given if isinstance(given, Camera) else Camera()
 
 
 def picture_of(medium: Path, out: Path) -> Path:

@@ -31,7 +31,11 @@ HEAVY = {
     "pandas",
     "pint",
     "jinja2",
+    "starlette",
+    "uvicorn",
+    "tomlkit",
     "rigtwin.compare",
+    "rigtwin.review",
 }
 
 LAB = """
@@ -132,7 +136,19 @@ def test_help_loads_nothing_heavy():
         assert HEAVY.isdisjoint(loaded.split())
 
 
-SINGLE = ("demo", "init", "compare", "sweep", "calibrate", "runs", "diagnose", "doctor", "import", "reproduce")
+SINGLE = (
+    "demo",
+    "init",
+    "compare",
+    "sweep",
+    "calibrate",
+    "runs",
+    "diagnose",
+    "doctor",
+    "import",
+    "reproduce",
+    "review",
+)
 DECKS = ("liggghts", "lammps", "yade")
 COMMANDS = [
     *([command] for command in SINGLE),

@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("lab", "measure", "sim", "compare", "commands")
+ROOMS = ("lab", "measure", "sim", "compare", "review", "commands")
 BELOW = {"lab": set(), "measure": {"lab"}, "sim": {"lab"}, "compare": {"lab", "measure", "sim"}}
-BELOW["commands"] = BELOW["compare"] | {"compare"}
+BELOW["review"] = BELOW["compare"] | {"compare"}
+BELOW["commands"] = BELOW["review"] | {"review"}
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
 
 

@@ -282,7 +282,8 @@ def _measured(experiment: Experiment, out: Path, workers: int | None, progress: 
     with measuring([experiment], out, workers) as pending:
         found = pending.results(progress)[experiment.id]
     if not found.known:
-        raise BadInput(f"{experiment.id}: no repetition could be measured: {found.failures[0].message}")
+        why = found.failures[0].message if found.failures else "all are rejected in lab.toml"
+        raise BadInput(f"{experiment.id}: no repetition could be measured: {why}")
     return found.quantities
 
 

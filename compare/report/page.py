@@ -196,7 +196,8 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     lines = []
     if experiment.repetitions:
         left_out = f", {len(outcome.failures)} left out" if outcome.failures else ""
-        lines.append(("repetitions", f"{n} measured{left_out}"))
+        rejected = f", {len(experiment.rejected)} rejected" if experiment.rejected else ""
+        lines.append(("repetitions", f"{n} measured{left_out}{rejected}"))
     if experiment.measured:
         names = dict.fromkeys(title(one.quantity) for one in experiment.measured)
         lines.append(("stated in lab.toml", ", ".join(names)))

@@ -16,7 +16,16 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
-from rigtwin.lab.file.schema import Document, ExperimentEntry, LabFile, Problem, read_document, validated
+from rigtwin.lab.file.schema import (
+    CameraEntry,
+    Document,
+    ExperimentEntry,
+    LabFile,
+    Problem,
+    read_document,
+    suggestion,
+    validated,
+)
 from rigtwin.lab.file.stated_values import stated_quantities
 from rigtwin.lab.file.toml_lines import Key, dotted
 from rigtwin.lab.input_files import lies_outside
@@ -47,6 +56,14 @@ class Experiment:
     """Files of the repetitions that lie outside the lab's folder."""
     measured: tuple[Quantity, ...] = ()
     """What lab.toml states as measured; it replaces what the repetitions give of the same quantity and method."""
+    cameras: Mapping[Path, Camera] = field(default_factory=dict)
+    """Cameras of files for which something else is stated than `camera`."""
+    rejected: Mapping[Path, str] = field(default_factory=dict)
+    """Files that lab.toml names but rejects, which are not in `repetitions`, and why."""
+
+    def camera_of(self, view: Path) -> Camera:
+        """What is stated of the camera of one file."""
+        return self.cameras.get(view, self.camera)
 
     @property
     def rig_name(self) -> RigName:
@@ -92,9 +109,12 @@ def read_lab(folder: Path, *, allow_outside: bool = False) -> Lab:
 
     Raises `BadLabFile` in one sentence: the file, the line, the key, what is wrong and what to write instead.
     """
-    path = folder / "lab.toml" if folder.is_dir() else folder
-    document = read_document(path)
-    file = validated(document, LabFile)
+    return lab_of(read_document(folder / "lab.toml" if folder.is_dir() else folder), allow_outside=allow_outside)
+
+
+def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
+    """The lab that a lab.toml describes, or would describe with this content.  Raises `BadLabFile` like `read_lab`."""
+    path, file = document.path, validated(document, LabFile)
     inventory = Inventory(file)
     experiments = [
         _experiment(path.parent, inventory, entry, ("experiments", number), allow_outside)
@@ -174,15 +194,33 @@ def _experiment(
         *(Problem((*key, name), why) for name, why in entry.faults()),
         *wrong,
         *(_media_problems(entry, repetitions, key) if allow_outside or not outside else outside),
-        *_camera_problems(entry, folder, key, allow_outside),
+        *_camera_problems(entry.camera, entry.rig, folder, (*key, "camera"), allow_outside),
+        *_file_problems(entry, folder, key, allow_outside),
         *_idle(entry, key),
     ]
     inventory.problems += found
     if particle is None or found or (entry.wall is not None and wall is None):
         return None
-    camera = entry.camera.camera(folder)
-    views = frozenset(view for views in repetitions for view in views if lies_outside(view, folder))
-    return Experiment(entry.id, entry.settings(), particle, wall, camera, repetitions, entry.table, views, measured)
+    rejected = {folder / name: file.rejected for name, file in entry.files.items() if file.rejected}
+    return Experiment(
+        entry.id,
+        entry.settings(),
+        particle,
+        wall,
+        entry.camera.camera(folder),
+        _without(rejected, repetitions),
+        entry.table,
+        frozenset(view for views in repetitions for view in views if lies_outside(view, folder)),
+        measured,
+        {folder / name: file.over(entry.camera).camera(folder) for name, file in entry.files.items()},
+        rejected,
+    )
+
+
+def _without(rejected: Mapping[Path, str], repetitions: Sequence[tuple[Path, ...]]) -> tuple[tuple[Path, ...], ...]:
+    """The repetitions without rejected files, and without those of which no view is left."""
+    left = (tuple(view for view in views if view not in rejected) for views in repetitions)
+    return tuple(views for views in left if views)
 
 
 def _measured(entry: ExperimentEntry, key: Key) -> tuple[tuple[Quantity, ...], list[Problem]]:
@@ -244,11 +282,22 @@ def _outside(
                 yield Problem((*key, "repetitions", number), f"{view} {OUTSIDE}")
 
 
-def _camera_problems(entry: ExperimentEntry, folder: Path, key: Key, allow_outside: bool) -> list[Problem]:
-    board = entry.camera.board
+def _camera_problems(camera: CameraEntry, rig: str, folder: Path, key: Key, allow_outside: bool) -> list[Problem]:
+    board = camera.board
     if board is not None and not allow_outside and lies_outside(folder / board.photo, folder):
-        return [Problem((*key, "camera", "board"), f"{folder / board.photo} {OUTSIDE}")]
-    return [Problem((*key, "camera", name), why) for name, why in entry.camera.faults(folder, entry.rig)]
+        return [Problem((*key, "board"), f"{folder / board.photo} {OUTSIDE}")]
+    return [Problem((*key, name), why) for name, why in camera.faults(folder, rig)]
+
+
+def _file_problems(entry: ExperimentEntry, folder: Path, key: Key, allow_outside: bool) -> Iterator[Problem]:
+    """What is wrong with the keys of single files."""
+    names = [view for views in entry.repetitions for view in views]
+    for name, file in entry.files.items():
+        place: Key = (*key, "files", name)
+        if name not in names:
+            yield Problem(place, f"is none of the repetitions; {suggestion(name, names)}.")
+        else:
+            yield from _camera_problems(file.over(entry.camera), entry.rig, folder, place, allow_outside)
 
 
 def _idle(entry: ExperimentEntry, key: Key) -> Iterator[Problem]:

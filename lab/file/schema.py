@@ -77,9 +77,13 @@ def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") 
     """Read a TOML file, `made_by` where it is not there.  Raises `BadLabFile` with the line of what is no TOML."""
     if why_not_ordinary(path) == "no such file":
         raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.")
+    advice = "check the path and its permissions"
+    return parsed(path, read_bytes(path, advice=advice, largest=LARGEST_NOTES, refuse=BadLabFile))
+
+
+def parsed(path: Path, content: bytes) -> Document:
+    """What is, or shall be, the content of the TOML file `path`.  Raises `BadLabFile`."""
     try:
-        advice = "check the path and its permissions"
-        content = read_bytes(path, advice=advice, largest=LARGEST_NOTES, refuse=BadLabFile)
         text = content.decode("utf-8-sig")
         data = tomllib.loads(text)
         lines = key_lines(text)
@@ -179,6 +183,11 @@ def _regions(value: Any) -> tuple[tuple[float, float, float, float], ...]:
     return tuple(_region(each) for each in several)
 
 
+def _spans(value: Any) -> tuple[tuple[camera.Moment, camera.Moment], ...]:
+    several = value if isinstance(value, list) else [value]
+    return tuple(camera.span(_text(each, "60f..80f"), name="value") for each in several)
+
+
 def _points(value: Any) -> tuple[camera.Point, ...]:
     several = value if isinstance(value, list) else [value]
     return tuple(camera.point(_text(each, "320,40"), name="value") for each in several)
@@ -236,6 +245,12 @@ def _joined(value: Any) -> tuple[tuple[str, ...], ...]:
     return parse_joined([_text(each, "3,7") for each in several], name="value")
 
 
+def _reason(value: Any) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise BadInput(f"{value!r} is no reason; write in a few words why the file is not used.")
+    return " ".join(value.split())
+
+
 def _moment(value: Any) -> camera.Moment:
     return camera.moment(value, name="value")
 
@@ -262,6 +277,7 @@ KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
 PlumbLine = Annotated[float, _edge(_plumb_line)]
 Line = Annotated[camera.Line, _edge(_line)]
 BeadAt = Annotated[camera.Seed, _edge(_seed)]
+Spans = Annotated[tuple[tuple[camera.Moment, camera.Moment], ...], _edge(_spans)]
 Pivots = Annotated[tuple[camera.Point, ...], _edge(_points)]
 Flank = camera.Flank
 Board = Annotated[camera.Board, _edge(_board)]
@@ -308,6 +324,7 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "circle": ("drum",),
     "averaged": ("drum",),
     "slot": ("hopper",),
+    "exclude": tuple(rig for rig in RIGS if not SETTINGS[rig].several_views),
 }
 """Rigs of which something that is else found in the picture may be stated."""
 
@@ -319,6 +336,7 @@ class CameraEntry(_Entry):
     region: Annotated[tuple[float, float, float, float], _edge(_region)] | None = None
     start: Moment | None = None
     end: Moment | None = None
+    exclude: Spans = ()
     camera_roll: Annotated[float, _edge(_roll)] | None = None
     plumb_line: PlumbLine | None = None
     board: Board | None = None
@@ -360,6 +378,32 @@ class CameraEntry(_Entry):
             yield "end", f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit})."
 
 
+def keys_of_camera(rig: str) -> set[str]:
+    """The keys of ``[experiments.camera]`` that a rig uses."""
+    return {name for name in CameraEntry.model_fields if rig in _ONLY_OF.get(name, (rig,))}
+
+
+class FileEntry(CameraEntry):
+    """What is said of one clip or photo: keys of the camera that go before those of its experiment, and a verdict."""
+
+    rejected: Annotated[str, _edge(_reason)] = ""
+
+    def over(self, common: CameraEntry) -> CameraEntry:
+        """The keys of the experiment's camera, with those of this file in their place."""
+        mine = self.model_fields_set & CameraEntry.model_fields.keys()
+        for alternatives in _ALTERNATIVES:
+            if mine & alternatives:
+                common = common.model_copy(update=dict.fromkeys(alternatives))
+        return CameraEntry.model_construct(
+            {*common.model_fields_set, *mine},
+            **{name: getattr(self if name in mine else common, name) for name in CameraEntry.model_fields},
+        )
+
+
+_ALTERNATIVES = ({"scale", "known_length", "board"}, {"camera_roll", "plumb_line"})
+"""Keys of the camera that state the same in several ways."""
+
+
 class _ExperimentEntry(_Entry):
     id: Name = Field(examples=["drop-D6-steel"])
     particle: Name = Field(examples=["D6"])
@@ -368,6 +412,7 @@ class _ExperimentEntry(_Entry):
     columns: Annotated[Mapping[str, tuple[str, str]], _edge(_columns), Field(examples=["t=time[ms],x=cx,y=cy"])] = {}
     join: Annotated[tuple[tuple[str, ...], ...], _edge(_joined), Field(examples=[["3,7"]])] = ()
     camera: CameraEntry = CameraEntry()
+    files: dict[str, FileEntry] = {}  # by the name that stands in `repetitions`
     rig: str
 
     @property
@@ -571,7 +616,8 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
 def _section(parent: Key) -> type[_Entry]:
     """The class whose keys stand under `parent`; pydantic puts the rig's name after an experiment's number."""
     if parent[0] == "experiments" and len(parent) > 2:
-        return CameraEntry if parent[3:4] == ("camera",) else _EXPERIMENTS[str(parent[2])]
+        tables: dict[str | int, type[_Entry]] = {"camera": CameraEntry, "files": FileEntry}
+        return tables.get((*parent, "")[3]) or _EXPERIMENTS[str(parent[2])]
     return _SECTIONS.get(str(parent[0]), LabFile)
 
 

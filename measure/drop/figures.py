@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import Mark, NothingToMeasure
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import write_tracks
@@ -64,6 +64,28 @@ def write_pictures(
     write_tracks(files["record"], measurement.tracks)
     files["plot"] = write_plot(out, measurement, bounces)
     return files
+
+
+def picture_marks(seen: Chase, bounces: Bounces) -> tuple[Mark, ...]:
+    """Track, fitted flights, plate and contacts in the picture; `bounces` is the fit in pixels."""
+    time, places = _places(seen)
+    frames = [sighting.frame for sighting in seen.sightings]
+    shown = places + np.array([sighting.shake for sighting in seen.sightings]).reshape(-1, 2)
+    fine = np.linspace(time[0], time[-1], 20 * (bounces.count + 1))
+    flights = np.column_stack([np.interp(fine, time, places[:, 0]), -bounces.curve(fine)])
+    contacts = bounces.contact_times
+    x = np.interp(contacts, time, places[:, 0])
+    y = -bounces.level(contacts)
+    ends = [(float(x.min()) - 6 * seen.radius, float(y[0])), (float(x.max()) + 6 * seen.radius, float(y[-1]))]
+    return (
+        Mark("bead", shown.tolist(), seen.radius, "track", frames),
+        Mark("fitted flights", flights.tolist(), kind="fit"),
+        Mark("plate", [(a, b + seen.radius) for a, b in ends], kind="plate"),
+        *(
+            Mark(f"contact {k}", [(float(a), float(b))], seen.radius, "contact")
+            for k, (a, b) in enumerate(zip(x, y, strict=True), start=1)
+        ),
+    )
 
 
 def write_plot(out: Path, measurement: Measurement, bounces: Bounces) -> Path:

@@ -26,6 +26,7 @@ from rigtwin.measure.drop.checks import (
 )
 from rigtwin.measure.drop.evaluate import bounces_of, evaluate_bounces, rate_of, readable
 from rigtwin.measure.drop.fall_in_air import AirDrag
+from rigtwin.measure.drop.figures import picture_marks, write_pictures
 from rigtwin.measure.drop.find_bead import find_bead
 from rigtwin.measure.drop.line_of_sight import Depth, at_first_contact, find_depth, in_plane, with_depth
 from rigtwin.measure.drop.scale import (
@@ -243,11 +244,10 @@ def _measure_film(
         }
         | camera.stated_view,
         tracks=(track,),
+        marks=picture_marks(seen, in_picture),
     )
     if out is None:
         return measurement
-    from rigtwin.measure.drop.figures import write_pictures
-
     files = write_pictures(out, measurement, bounces, in_picture, video, seen, progress)
     return replace(measurement, files=files)
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import Point
+from rigtwin.lab.errors import Mark
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement
@@ -17,6 +19,8 @@ from rigtwin.measure import drawing
 from rigtwin.measure.drum import evaluate as drum
 from rigtwin.measure.drum.bed import Bed, Outline
 from rigtwin.measure.media.video import Video
+
+MOST_POINTS = 80  # of a surface, for the page: a point every few pixels on a screen
 
 
 def write_pictures(
@@ -41,6 +45,45 @@ def write_pictures(
     files["plot"] = _write_plot(out / f"{stem}-plot.svg", measurement, bed, scale)
     files["record"] = _write_record(out / f"{stem}-surface.csv", measurement)
     return files
+
+
+def picture_marks(bed: Bed) -> tuple[Mark, ...]:
+    """The inner rim, and in each frame the surface of the bed and the line through its middle half."""
+    surface: list[Point] = []
+    lines: list[Point] = []
+    at_surface: list[int] = []
+    at_line: list[int] = []
+    for outline in bed.outlines:
+        points = _in_picture(bed, outline, outline.x, outline.height)
+        thinned = points[:: max(1, len(points) // MOST_POINTS)]
+        surface += thinned.tolist()
+        at_surface += [outline.index] * len(thinned)
+        if (ends := _middle_half(bed, outline)) is not None:
+            lines += ends[0].tolist()
+            at_line += [outline.index] * 2
+    centre = bed.lens.in_clip(np.array([bed.rim.centre]))[0]
+    return (
+        Mark("inner rim", [(float(centre[0]), float(centre[1]))], bed.rim.radius / bed.lens.zoom, "circle"),
+        Mark("surface", surface, kind="outline", frames=at_surface),
+        Mark("line through the middle half", lines, kind="graphical", frames=at_line),
+    )
+
+
+def _in_picture(bed: Bed, outline: Outline, x: Array, height: Array) -> Array:
+    """Points of the upright picture about the axis in a frame, shape (n, 2) [px]."""
+    cos, sin = math.cos(bed.upright.roll), math.sin(bed.upright.roll)
+    points = np.column_stack([x * cos + height * sin, x * sin - height * cos]) + np.array(bed.rim.centre)
+    return bed.lens.in_clip(points + np.array(outline.shake))
+
+
+def _middle_half(bed: Bed, outline: Outline) -> tuple[Array, float] | None:
+    """Ends of the line through the middle half of the surface in a frame, shape (2, 2) [px], and its slope."""
+    line = drum.surface_line(Profile(outline.x, outline.height, outline.height), (0.25, 0.75))
+    if line is None:
+        return None
+    slope, offset, low, high = line
+    ends = np.array([low, high])
+    return _in_picture(bed, outline, ends, slope * ends + offset), slope
 
 
 def _label(measurement: Measurement) -> str:
@@ -70,29 +113,19 @@ def _write_video(path: Path, still: Path, video: Video, bed: Bed, text: str, pro
 
 def _mark(picture: Image, bed: Bed, outline: Outline, text: str) -> None:
     """Draw rim, surface, and the line through its middle half."""
-    shift = np.array(outline.shake)
-
-    def place(x: Array, height: Array) -> Array:
-        cos, sin = math.cos(bed.upright.roll), math.sin(bed.upright.roll)
-        points = np.column_stack([x * cos + height * sin, x * sin - height * cos]) + np.array(bed.rim.centre)
-        return bed.lens.in_clip(points + shift)
-
-    centre = bed.lens.in_clip(np.array([bed.rim.centre]) + shift)[0]
+    centre = _in_picture(bed, outline, np.zeros(1), np.zeros(1))[0]
     drawing.draw_circle(picture, (float(centre[0]), float(centre[1])), bed.rim.radius / bed.lens.zoom, drawing.SKY)
-    drawing.draw_path(picture, place(outline.x, outline.height), drawing.ORANGE)
-    profile = Profile(outline.x, outline.height, outline.height)
-    line = drum.surface_line(profile, (0.25, 0.75))
+    drawing.draw_path(picture, _in_picture(bed, outline, outline.x, outline.height), drawing.ORANGE)
+    line = _middle_half(bed, outline)
     caption = [text]
     if line is not None:
-        slope, offset, low, high = line
-        ends = np.array([low, high])
-        (ax, ay), (bx, by) = place(ends, slope * ends + offset)
+        ((ax, ay), (bx, by)), slope = line
         width = 2 * drawing.line_width(picture)
         drawing.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), drawing.BLUE, width=width)
         angle = abs(math.degrees(math.atan(slope)))
         caption.append(f"this frame {angle:.1f}°")
     # the horizontal through the axis, by the camera roll
-    (ax, ay), (bx, by) = place(np.array([-0.1, 0.1]) * bed.rim.radius, np.zeros(2))
+    (ax, ay), (bx, by) = _in_picture(bed, outline, np.array([-0.1, 0.1]) * bed.rim.radius, np.zeros(2))
     drawing.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), drawing.GREEN)
     drawing.draw_caption(picture, caption)
 

@@ -31,6 +31,7 @@ from rigtwin.measure.drum.evaluate import (
     rising_side,
     share_of,
 )
+from rigtwin.measure.drum.figures import picture_marks, write_pictures
 from rigtwin.measure.drum.profiles import credible, hidden_columns, profile_of, without_flights
 from rigtwin.measure.drum.rim import Rim
 from rigtwin.measure.drum.rotation import stance_checks
@@ -177,11 +178,10 @@ def measure(
         warnings=(*warnings, *evaluation.warnings),
         camera=view,
         profiles=tuple(seen.profiles) if scale is not None else (),
+        marks=picture_marks(bed),
     )
     if out is None:
         return result
-    from rigtwin.measure.drum.figures import write_pictures
-
     return replace(result, files=write_pictures(out, result, shown, bed, scale or 1.0, progress))
 
 

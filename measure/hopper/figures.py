@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import Mark
 from rigtwin.lab.formatting import title
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.progress import Progress
@@ -42,6 +44,20 @@ def write_pictures(
     return files
 
 
+def picture_marks(seen: Outflow, edges: tuple[float, float]) -> tuple[Mark, ...]:
+    """The slot in the picture, from edge to edge."""
+    row = seen.scenery.slot.row
+    ends = _in_picture(seen, edges, row, np.zeros(2))
+    return (Mark("slot", ends.tolist(), kind="slot"),)
+
+
+def _in_picture(seen: Outflow, edges: tuple[float, float], row: float, shake: Array) -> Array:
+    """The ends of the slot in a frame, shape (2, 2) [px]."""
+    ends = np.array([[edges[0], row], [edges[1], row]])
+    turned = cv2.transform(ends.reshape(-1, 1, 2), seen.scenery.turn).reshape(-1, 2)
+    return seen.lens.in_clip(np.asarray(turned + shake, dtype=np.float64))
+
+
 def _quantity(measurement: Measurement, name: str) -> Quantity:
     return next(one for one in measurement.quantities if one.quantity == name)
 
@@ -66,11 +82,7 @@ def _write_video(
             picture = frame.colour.copy()
             moment = moments.get(frame.index)
             if moment is not None:
-                ends = np.array([[edges[0], row], [edges[1], row]])
-                turned = cv2.transform(ends.reshape(-1, 1, 2), seen.scenery.turn).reshape(-1, 2)
-                (ax, ay), (bx, by) = seen.lens.in_clip(
-                    np.asarray(turned + np.array(moment.pose.shake), dtype=np.float64)
-                )
+                (ax, ay), (bx, by) = _in_picture(seen, edges, row, np.array(moment.pose.shake))
                 isopen = opened.value <= frame.time
                 colour = drawing.GREEN if isopen and frame.time <= last.value else drawing.RED
                 drawing.draw_line(picture, (float(ax), float(ay)), (float(bx), float(by)), colour)

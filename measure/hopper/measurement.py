@@ -38,6 +38,7 @@ from rigtwin.measure.hopper.evaluate import (
     failed_message,
     with_times_doubted,
 )
+from rigtwin.measure.hopper.figures import picture_marks, write_pictures
 from rigtwin.measure.hopper.observe import (
     closed_before,
     edges_of_slot,
@@ -194,11 +195,10 @@ def measure(
         warnings=tuple(warnings),
         camera=view,
         series=(left,),
+        marks=picture_marks(seen, edges),
     )
     if out is None:
         return result
-    from rigtwin.measure.hopper.figures import write_pictures
-
     return replace(result, files=write_pictures(out, result, video, seen, left, edges, scale, progress))
 
 

@@ -97,7 +97,8 @@ def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
         frame_count=len(kept),
         first=inside[0],
         last=inside[-1],
-        skipped=frozenset(),
+        skipped=(left_out := frozenset(number for number, index in enumerate(kept) if index in video.excluded)),
+        excluded=left_out,
         warnings=warnings,
     )
 

@@ -61,6 +61,7 @@ class Video:
     source: pictures.Source = field(repr=False)
     warnings: tuple[str, ...] = field(default=())
     skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
+    excluded: frozenset[int] = field(default=frozenset())  # those of them that the user leaves out
 
     @property
     def spoilt(self) -> str:
@@ -195,7 +196,38 @@ def open_video(path: Path, camera: Camera) -> Video:
             f"{path}: --start and --end leave {left} {'frame' if left == 1 else 'frames'} of {len(times)}; "
             "a measurement needs at least three."
         )
-    return Video(path, width, height, len(times), rate, plays_at, times, first, last, film, (*warnings, *oddities))
+    excluded = _excluded(camera, times)
+    if sum(index not in excluded for index in range(first, last + 1)) < 3:
+        raise BadInput(f"{path}: --exclude leaves fewer than three frames; leave out less of the clip.")
+    if camera.exclude and not excluded:
+        warnings.append(f"--exclude lies beyond the last picture ({len(times) - 1}f): nothing is left out.")
+    return Video(
+        path,
+        width,
+        height,
+        len(times),
+        rate,
+        plays_at,
+        times,
+        first,
+        last,
+        film,
+        (*warnings, *oddities),
+        skipped=excluded,
+        excluded=excluded,
+    )
+
+
+def _excluded(camera: Camera, times: npt.NDArray[np.float64]) -> frozenset[int]:
+    """The frames of the parts of the clip that are left out."""
+    found: set[int] = set()
+    for begin, end in camera.exclude:
+        if begin.unit == "frame":
+            found.update(range(math.ceil(begin.value), min(math.floor(end.value), len(times) - 1) + 1))
+        else:
+            inside = (times >= begin.value - 1e-9) & (times <= end.value + 1e-9)
+            found.update(np.flatnonzero(inside).tolist())
+    return frozenset(found)
 
 
 def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str]:

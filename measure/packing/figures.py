@@ -8,7 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rigtwin.lab.arrays import Image
+from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import Point
+from rigtwin.lab.errors import Mark
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure.drawing import (
@@ -39,6 +41,27 @@ def write_pictures(
     write_plot(files["plot"], profile, measurement.quantities)
     write_profile(files["record"], profile)
     return files
+
+
+def picture_marks(bed: Bed, view: int) -> tuple[Mark, ...]:
+    """Walls, floor, outline and mean height of the bed in a photo, the `view`-th of its repetition."""
+    silhouette, half = bed.silhouette, bed.width / 2
+    x, height = bed.outline
+
+    def line(across: Array, above: Array) -> list[Point]:
+        # the centre of the top-left pixel is 0, 0 in the photo and in the smaller picture that was analysed
+        points = (silhouette.view.to_picture(across, above) + 0.5) / silhouette.zoom - 0.5
+        return [(float(a), float(b)) for a, b in points]
+
+    top, level = float(np.max(height)) + half, float(np.mean(height))
+    walls = [line(np.array([side, side]), np.array([0.0, top])) for side in (-half, half)]
+    across = np.array([-half, half])
+    return (
+        *(Mark("wall", wall, kind="circle", view=view) for wall in walls),
+        Mark("floor", line(across, np.zeros(2)), kind="base", view=view),
+        Mark("outline", line(x, height), kind="outline", view=view),
+        Mark("mean of the outline", line(across, np.full(2, level)), kind="graphical", view=view),
+    )
 
 
 def write_plot(path: Path, profile: Profile, found: tuple[Quantity, ...]) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rigtwin.lab.arrays import Image
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, camera_for_each
 from rigtwin.lab.checksums import all_different, sha256
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.progress import Progress, silent
@@ -23,7 +23,8 @@ from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import BY_HAND
 from rigtwin.measure.packing.cylinder import Bed
 from rigtwin.measure.packing.evaluate import evaluate_views
-from rigtwin.measure.packing.observe import observe
+from rigtwin.measure.packing.figures import picture_marks, write_pictures
+from rigtwin.measure.packing.observe import observe_photo
 from rigtwin.measure.refusal import shows_refusals
 
 # ---------------------------------------------------------------------------------------------------- media -> record
@@ -32,7 +33,7 @@ from rigtwin.measure.refusal import shows_refusals
 @shows_refusals
 def measure(
     photos: Sequence[Path],
-    camera: Camera,
+    camera: Camera | Sequence[Camera],
     *,
     cylinder_diameter: float | None,
     total_mass: float | None = None,
@@ -40,6 +41,7 @@ def measure(
     bead_density: float | None = None,
     spheres: bool = True,
     table: TableOptions | None = None,
+    observe_each: Callable[..., Any] = observe_photo,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -49,8 +51,8 @@ def measure(
     ----------
     photos : sequence of Path
         One photo per view.  A table is read as a finished profile (`rigtwin.lab.tracked`).
-    camera : Camera
-        Scale, roll, region and other settings of the camera.
+    camera : Camera or sequence of Camera
+        Scale, roll, region and other settings of the camera; one for all photos, or one for each.
     cylinder_diameter : float or None
         Inner diameter of the cylinder [m].
     total_mass : float, optional
@@ -63,6 +65,8 @@ def measure(
         Whether the beads are equal spheres; other shapes have a wider range of possible solid fractions.
     table : TableOptions, optional
         Columns of a table.
+    observe_each : callable, optional
+        What observes one photo; `rigtwin.measure.packing.observe.observe_photo`, or the same with a memory.
     out : Path, optional
         Folder for overlay, plot and profile table.
     progress : Progress
@@ -106,7 +110,8 @@ def measure(
     all_different(photos)
     if cylinder_diameter is not None and not (math.isfinite(cylinder_diameter) and cylinder_diameter > 0):
         raise BadInput(f"measure packing: cylinder_diameter must be positive, got {cylinder_diameter:g}.")
-    pictures = {photo: read_photo(photo, camera) for photo in photos if not is_table(photo)}
+    cameras = camera_for_each(camera, photos)
+    pictures = {photo: read_photo(photo, cameras[photo]) for photo in photos if not is_table(photo)}
     all_show_different({photo: picture for photo, (picture, _) in pictures.items()})
     seen, views, checks = [], [], []
     beds: list[tuple[Image, Bed] | None] = []
@@ -115,18 +120,18 @@ def measure(
     for number, photo in enumerate(photos):
         progress("looking for the bed", number, len(photos))
         if is_table(photo):
-            read = read_profiles(photo, table, scale=camera.given_scale)
+            read = read_profiles(photo, table, scale=cameras[photo].given_scale)
             if len(read.profiles) > 1:
                 raise BadInput(f"{photo}: holds {len(read.profiles)} profiles over time; give that of the bed at rest.")
             understood = understood or read.understood.to_json()
             seen.append(Observation(replace(read.profiles[0], view=photo.stem)))
             by_table = {"scale_m_per_px": None, "scale_from": "profile table", "camera_roll_deg": None}
-            views.append({**by_table, **scale_used(read, camera)})
+            views.append({**by_table, **scale_used(read, cameras[photo])})
             beds.append(None)
             continue
         image, odd = pictures[photo]
         warnings += odd
-        bed, observation, view, found = observe(photo, image, camera, cylinder_diameter, bead_diameter)
+        bed, observation, view, found = observe_each(photo, image, cameras[photo], cylinder_diameter, bead_diameter)
         seen.append(observation)
         views.append(view)
         checks += found
@@ -143,11 +148,12 @@ def measure(
         camera=views[0] if len(views) == 1 else {**views[0], "views": views},
         profiles=tuple(each.profile for each in seen),
         table=understood,
+        marks=tuple(
+            mark for view, each in enumerate(beds) if each is not None for mark in picture_marks(each[1], view)
+        ),
     )
     if out is None:
         return measurement
-    from rigtwin.measure.packing.figures import write_pictures
-
     files: dict[str, Path] = {}
     for number, (photo, each, pair) in enumerate(zip(photos, seen, beds, strict=True)):
         written = write_pictures(out, photo.stem, each.profile, pair, measurement)

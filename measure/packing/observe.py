@@ -30,7 +30,7 @@ WALL_UNCERTAINTY = 0.006  # relative standard uncertainty of a scale from the cy
 GAUGE_UNCERTAINTY = 0.002  # relative standard uncertainty of a scale from a gauge in the plane of the axis
 
 
-def observe(
+def observe_photo(
     photo: Path, image: Image, camera: Camera, cylinder: float | None, bead: float | None
 ) -> tuple[Bed, Observation, dict[str, Any], list[Check]]:
     places = Stated(camera.cylinder, camera.floor)

@@ -161,7 +161,7 @@ def pivot_checks(fit: SwingFit) -> tuple[Check, ...]:
 
 def timing_check(video: Video, losses: Sequence[Loss] = ()) -> Check:
     """Whether frames of the film repeat the one before, or are lost; certain `losses` are corrected already."""
-    frames, doubled = video.last - video.first + 1, len(video.skipped)
+    frames, doubled = video.last - video.first + 1, len(video.skipped - video.excluded)
     message = f"{doubled} of {frames} frames repeat the one before"
     if doubled:
         message = f"doubled frames: {message} and were left out: use the camera's original file"

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import Mark, NothingToMeasure
 from rigtwin.lab.formatting import title
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Quantity
@@ -50,6 +50,23 @@ def picture_view(fit: SwingFit, times: Array) -> View:
     pivots = np.column_stack([swings.per_bead("pivot_x"), -swings.per_bead("pivot_y")])
     at, _ = angles(swings, times)
     return View(pivots, swings.per_bead("length"), float(swings["tilt"]), at[..., 0])
+
+
+def picture_marks(beads: Beads, view: View) -> tuple[Mark, ...]:
+    """Tracks of the beads, their fitted swings and pivots in the picture."""
+    marks = []
+    for bead, images in enumerate(beads.images):
+        name = f"bead {NAMES[bead]}"
+        seen = [k for k, image in enumerate(images) if image is not None]
+        places = np.array([_place(images[k]) for k in seen]).reshape(-1, 2) + beads.shakes[seen]
+        fitted = [view.place(bead, float(angle)) for angle in view.angles[bead]]
+        frames = beads.frames[seen].tolist()
+        marks += [
+            Mark(name, places.tolist(), beads.looks[bead].radius, "track", frames),
+            Mark(f"{name}, fitted swing", fitted, kind="fit"),
+            Mark(f"pivot {NAMES[bead]}", [view.place(bead, 0.0, 0.0)], kind="pivot"),
+        ]
+    return tuple(marks)
 
 
 def write_overlay(path: Path, video: Video, beads: Beads, view: View, *, still: int, progress: Progress) -> Image:

@@ -28,7 +28,7 @@ from rigtwin.measure.pendulum.checks import (
     view_checks,
 )
 from rigtwin.measure.pendulum.evaluate import SHADING, Variant, in_order, judge, outcomes_of
-from rigtwin.measure.pendulum.figures import picture_view, write_overlay, write_plot, write_still
+from rigtwin.measure.pendulum.figures import picture_marks, picture_view, write_overlay, write_plot, write_still
 from rigtwin.measure.pendulum.observe import (
     GROUND,
     Film,
@@ -170,6 +170,7 @@ def measure(
         ),
         camera=seen,
         tracks=tracks,
+        marks=picture_marks(film.beads, picture_view(film.fit, film.times)),
         files={} if out is None else _write(out, video, film, fit, quantities, progress=progress),
     )
 

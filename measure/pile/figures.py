@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
-from rigtwin.lab.camera import Flank
+from rigtwin.lab.camera import Flank, Point
+from rigtwin.lab.errors import Mark
 from rigtwin.lab.quantity import Evaluation, Quantity
 from rigtwin.lab.records import Profile, write_profile
 from rigtwin.measure import drawing
@@ -43,6 +44,42 @@ def write_pictures(
         files["record"] = folder / f"{stem}-profile.csv"
         write_profile(files["record"], profile)
     return files
+
+
+def picture_marks(
+    found: Silhouette, profile: Profile, scale: float | None, flank: Flank | None, grain: float | None, view: int
+) -> tuple[Mark, ...]:
+    """Outline, base line and both constructions of the angle of repose in a photo, the `view`-th of its repetition.
+
+    The graphical angle is that of the lines along the flanks, the geometric one that from the feet to the apex.
+    """
+    unit = scale or 1.0
+
+    def line(x: Array, height: Array) -> list[Point]:
+        # the centre of the top-left pixel is 0, 0 in the photo and in the smaller picture that was analysed
+        points = (found.view.to_picture(x, height) + 0.5) / found.zoom - 0.5
+        return [(float(a), float(b)) for a, b in points]
+
+    reach = found.view.radius or float(np.abs(found.x[np.isfinite(found.height)]).max())
+    marks = [
+        Mark("outline", line(found.x, found.height), kind="outline", view=view),
+        Mark("base", line(np.array([-reach, reach]), np.zeros(2)), kind="base", view=view),
+    ]
+    heap = repose_angles.find_parts(profile, None, grain)
+    if heap is None:
+        return tuple(marks)
+    sides = repose_angles.free_flanks(heap, flank)
+    for side in sides:
+        along = repose_angles.flank_line(heap, side)
+        if along is not None:
+            ends = np.array([along.inner, along.outer])
+            points = line(ends / unit, _on_line(along, side, ends) / unit)
+            marks.append(Mark(f"{side} flank {along.angle:.1f}°", points, kind="graphical", view=view))
+    feet = [foot for foot, side in zip(heap.feet, repose_angles.SIDES, strict=True) if side in sides]
+    for foot in feet:
+        points = line(np.array([foot, heap.apex[0]]) / unit, np.array([0.0, heap.apex[1]]) / unit)
+        marks.append(Mark("from foot to apex", points, kind="geometric", view=view))
+    return tuple(marks)
 
 
 def write_plot(

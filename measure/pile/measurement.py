@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import Camera, camera_for_each
 from rigtwin.lab.checksums import all_different, sha256
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, Mark
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.tracked.table import TableOptions, is_table
@@ -22,11 +22,12 @@ from rigtwin.measure.refusal import shows_refusals
 @shows_refusals
 def measure(
     photos: Sequence[Path],
-    camera: Camera,
+    camera: Camera | Sequence[Camera],
     *,
     base_diameter: float | None = None,
     bead_diameter: float | None = None,
     table: TableOptions | None = None,
+    observe_each: Callable[..., Any] = observe_photo,
     out: Path | None = None,
     progress: Progress = silent,
 ) -> Measurement:
@@ -36,14 +37,16 @@ def measure(
     ----------
     photos : sequence of Path
         One photo per view.  A table is read as a finished profile (`rigtwin.lab.tracked`).
-    camera : Camera
-        Scale, roll, region and other settings of the camera.
+    camera : Camera or sequence of Camera
+        Scale, roll, region and other settings of the camera; one for all photos, or one for each.
     base_diameter : float, optional
         Diameter of the disc that the heap stands on [m].
     bead_diameter : float, optional
         Bead diameter [m].
     table : TableOptions, optional
         Columns of a table.
+    observe_each : callable, optional
+        What observes one photo; `rigtwin.measure.pile.observe.observe_photo`, or the same with a memory.
     out : Path, optional
         Folder for overlay, plot and profile table.
     progress : Progress
@@ -74,18 +77,23 @@ def measure(
             f"beads of {bead_diameter * 1e3:g} mm make no heap on a base of {base_diameter * 1e3:g} mm; "
             "check the diameters of base and bead."
         )
-    pictures = {photo: read_photo(photo, camera) for photo in photos if not is_table(photo)}
+    cameras = camera_for_each(camera, photos)
+    pictures = {photo: read_photo(photo, cameras[photo]) for photo in photos if not is_table(photo)}
     all_show_different({photo: picture for photo, (picture, _) in pictures.items()})
     observations, views, draws = [], [], []
+    marks: list[Mark] = []
     for number, (photo, name) in enumerate(zip(photos, _names(photos), strict=True)):
         progress("looking for the heap", number, len(photos))
         if is_table(photo):
-            seen, view, draw = observe_table(photo, name, camera, table, base_diameter)
+            seen, view, marked, draw = observe_table(photo, name, cameras[photo], table, base_diameter)
         else:
-            seen, view, draw = observe_photo(photo, *pictures[photo], name, camera, base_diameter, bead_diameter)
+            seen, view, marked, draw = observe_each(
+                photo, *pictures[photo], name, cameras[photo], base_diameter, bead_diameter
+            )
         observations.append(seen)
         views.append(view)
         draws.append(draw)
+        marks += [] if marked is None else marked(number)
     progress("looking for the heap", len(photos), len(photos))
     understood: dict[str, Any] = next((tabled for view in views if (tabled := view.pop("table", None))), {})
     scaled = all(view["scale_from"] != NO_SCALE for view in views)
@@ -112,6 +120,7 @@ def measure(
         table=understood,
         profiles=tuple(seen.profile for seen in observations) if scaled else (),
         files={} if out is None else _drawn(draws, out),
+        marks=tuple(marks),
     )
 
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
+from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, Seen
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions
@@ -29,10 +29,14 @@ from rigtwin.measure.pile.checks import (
     size_checks,
 )
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
+from rigtwin.measure.pile.figures import picture_marks, write_pictures
 from rigtwin.measure.pile.silhouette import find_heap, undo_view
 
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
+
+Marked = Callable[[int], tuple[Mark, ...]]
+"""Where things were found in a photo, given the number of its view."""
 
 NO_SCALE = "not known"
 NO_BASE = "no base disc was found, so the base line runs through the outermost grains; --base states it"
@@ -55,7 +59,7 @@ UNSURE = 0.2  # share of the outline that another threshold moves by more than a
 
 def observe_table(
     path: Path, name: str, camera: Camera, options: TableOptions | None, base_diameter: float | None
-) -> tuple[Observation, dict[str, Any], Draw]:
+) -> tuple[Observation, dict[str, Any], None, Draw]:
     read = read_profiles(path, options, scale=camera.given_scale, heap=True)
     if len(read.profiles) > 1:
         raise BadInput(f"{path}: holds {len(read.profiles)} profiles over time; give the one of the heap at rest.")
@@ -75,7 +79,7 @@ def observe_table(
         **scale_used(read, camera),
         "table": read.understood.to_json(),
     }
-    return Observation(profile, flank=camera.flank), view, draw
+    return Observation(profile, flank=camera.flank), view, None, draw
 
 
 def observe_photo(
@@ -86,7 +90,7 @@ def observe_photo(
     camera: Camera,
     base_diameter: float | None,
     bead_diameter: float | None,
-) -> tuple[Observation, dict[str, Any], Draw]:
+) -> tuple[Observation, dict[str, Any], Marked, Draw]:
     ratio = base_diameter / bead_diameter if base_diameter and bead_diameter else None
     focal_length = _focal_length(photo, image)
     look = partial(find_heap, image, roll=camera.roll, region=camera.region, focal_length=focal_length)
@@ -137,14 +141,12 @@ def observe_photo(
     } | camera.stated_view
 
     def draw(out: Path) -> dict[str, Path]:
-        from rigtwin.measure.pile.figures import write_pictures
-
         evaluation = evaluate_views([seen], base_diameter if scale else None, bead_diameter if scale else None)
         return write_pictures(
             out, name, image, found, profile, evaluation, base_diameter, scale, seen.grain, camera.flank
         )
 
-    return seen, view, draw
+    return seen, view, partial(picture_marks, found, profile, scale, camera.flank, seen.grain), draw
 
 
 def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import Point
+from rigtwin.lab.errors import Mark
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Series, write_series, write_tracks
@@ -160,6 +162,31 @@ def _write_video(
             overlay.write(picture)
             progress("drawing the overlay", k + 1, len(film.frames))
     return still
+
+
+def picture_marks(film: Film) -> tuple[Mark, ...]:
+    """The plate, the body on it and the axis in the frames in which they were found."""
+    edges: list[Point] = []
+    bodies: list[Point] = []
+    edge_frames: list[int] = []
+    body_frames: list[int] = []
+    for k, frame in enumerate(film.frames.tolist()):
+        shake, direction = np.array(film.poses[k].shake), film.directions[k]
+        if not math.isfinite(direction) or not film.arm.edges:
+            continue
+        top = min(film.arm.edges, key=lambda edge: edge.row)
+        for column in (top.start, top.end):
+            edges.append(_place(film, direction, float(film.arm.along[column]), top.row, shake))
+            edge_frames.append(frame)
+        if (step := film.steps[k]) is not None:
+            body = (film.body.centre[0] + step.along, film.body.centre[1] + step.across)
+            bodies.append(_place(film, direction, *body, shake))
+            body_frames.append(frame)
+    return (
+        Mark("plate", edges, kind="plate", frames=edge_frames),
+        Mark("body", bodies, max(film.body.size) / 2, "track", body_frames),
+        Mark("axis", [(float(film.arm.pivot[0]), float(film.arm.pivot[1]))], kind="pivot"),
+    )
 
 
 def _mark(picture: Image, film: Film, k: int) -> None:

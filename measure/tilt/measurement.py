@@ -22,6 +22,7 @@ from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
+from rigtwin.measure.tilt.figures import picture_marks, write_incline_pictures, write_pictures
 from rigtwin.measure.tilt.film_checks import arm_check, level_check, portrait_check, shape_check, view_checks
 from rigtwin.measure.tilt.incline import at_rest, descent_of, evaluate_descent, judged_of_incline
 from rigtwin.measure.tilt.measure_table import measure_table
@@ -153,11 +154,10 @@ def measure(
         camera=_view(video, gauge, camera),
         tracks=(track,),
         series=(plate,),
+        marks=picture_marks(film),
     )
     if out is None:
         return measurement
-    from rigtwin.measure.tilt.figures import write_pictures
-
     return replace(measurement, files=write_pictures(out, measurement, video, film, way, onset, plate, progress))
 
 
@@ -218,10 +218,9 @@ def _of_plate_at_rest(
         camera=_view(video, gauge, camera),
         tracks=(track,),
         series=(plate,),
+        marks=picture_marks(film),
     )
     if out is None:
         return measurement
-    from rigtwin.measure.tilt.figures import write_incline_pictures
-
     files = write_incline_pictures(out, measurement, video, film, way, descent, plate, progress)
     return replace(measurement, files=files)

@@ -557,3 +557,27 @@ def test_a_folder_in_the_place_of_a_result_is_found_before_anything_is_replaced(
 def test_json_holds_no_nan_and_no_infinity():
     text = document({"a": float("nan"), "b": [np.float64("inf"), np.int64(3)], "c": Path("x"), "d": np.array([1.0])})
     assert json.loads(text, parse_constant=pytest.fail) == {"a": None, "b": [None, 3], "c": "x", "d": [1.0]}
+
+
+def test_a_rejected_repetition_is_not_measured_and_listed_with_its_reason(lab, tmp_path):
+    for name in ("day1", "day2"):
+        shutil.copytree(lab / name, tmp_path / name)
+    rejected = '[experiments.files."day2/nothing.csv"]\nrejected = "the thread caught"\n'
+    (tmp_path / "lab.toml").write_text(LAB + rejected)
+    result = compare(tmp_path, tmp_path / "out", workers=1)
+    (outcome,) = result.outcomes
+    assert [each.source.parent.name for each in outcome.measurements] == ["day1", "day2"]
+    assert outcome.failures == ()
+    assert "nothing.csv is rejected in lab.toml: the thread caught" in outcome.warnings
+    assert "nothing.csv is rejected in lab.toml: the thread caught" in result.files["report.html"].read_text()
+    listed = result.to_json()["experiments"][0]["rejected"]
+    assert listed == [{"file": str(tmp_path / "day2/nothing.csv"), "reason": "the thread caught"}]
+
+
+def test_a_lab_whose_repetitions_are_all_rejected_is_refused_before_any_work(lab, tmp_path):
+    shutil.copytree(lab / "day1", tmp_path / "day1")
+    one = LAB.replace(', "day2/swing.csv", "day2/nothing.csv"', "")
+    (tmp_path / "lab.toml").write_text(f'{one}[experiments.files."day1/swing.csv"]\nrejected = "dark"\n')
+    with pytest.raises(BadInput, match=r"lab\.toml, line 20: experiment 1, files: all repetitions are rejected"):
+        compare(tmp_path, tmp_path / "out", workers=1)
+    assert not (tmp_path / "out").exists()

@@ -1,7 +1,10 @@
 """Repetitions of a lab are measured as its file states."""
 
 import math
+import shutil
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
@@ -45,3 +48,37 @@ def test_a_column_that_is_stated_and_not_there_is_named(tmp_path):
     found = measure_repetition(experiment, experiment.repetitions[0], None)
     assert isinstance(found, Failure)
     assert "no column 'Hoehe' for y" in found.message
+
+
+MEDIA = Path(__file__).parents[2] / "sample_media"
+HEAP = """\
+[[experiments]]
+id = "heap"
+rig = "pile"
+variant = "piling"
+particle = "D6"
+wall = "steel"
+base_diameter = "90 mm"
+repetitions = [["view1.jpg", "view2.jpg"]]
+
+[experiments.files."view2.jpg"]
+base = "195,480,810,512"
+"""
+
+
+def test_what_is_stated_of_one_photo_is_used_for_that_photo_alone_and_shown_where_it_was_found(tmp_path):
+    for name in ("view1.jpg", "view2.jpg"):
+        shutil.copy(MEDIA / "pile" / name, tmp_path)
+    (tmp_path / "lab.toml").write_text(HEAP)
+    (experiment,) = read_lab(tmp_path).experiments
+    found = measure_repetition(experiment, experiment.repetitions[0], None)
+    found_base, stated_base = (mark for mark in found.marks if mark.kind == "base")
+    assert (found_base.view, stated_base.view) == (0, 1)
+    # the disc of the first photo, and the line as it is stated of the second one
+    assert np.array(found_base.points) == pytest.approx(np.array([[181, 433], [790, 439]]), abs=3)
+    (left, high), (right, low) = stated_base.points
+    assert math.degrees(math.atan2(low - high, right - left)) == pytest.approx(
+        math.degrees(math.atan(32 / 615)), abs=0.1
+    )
+    doubted = {each.detail["view"] for each in found.quantities if "end of the stated base" in each.doubtful}
+    assert doubted == {"view2"}

@@ -149,7 +149,7 @@ def _repetitions(lab: Lab, experiment: Experiment, rig: str) -> tuple[list[tuple
 def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -> tuple[Track, ...]:
     """One repetition in the axes of a lab.json."""
     if is_table(views[0]):
-        camera, direction = experiment.camera, by_fall if rig == "drop" else by_swing
+        camera, direction = experiment.camera_of(views[0]), by_fall if rig == "drop" else by_swing
         with unquoted(views[0], outside=views[0] in experiment.outside):
             found = read_bodies(
                 views[0],

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rigtwin.lab.camera import Camera, Moment, known_length
+from rigtwin.lab.camera import Camera, Moment, known_length, span
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure.media import video_file
@@ -289,3 +289,30 @@ def test_the_hash_of_a_folder_changes_with_one_picture(tmp_path):
     assert sha256(tmp_path) == one
     (tmp_path / "0002.png").write_bytes(b"abc")
     assert sha256(tmp_path) != one
+
+
+@pytest.mark.parametrize(
+    ("parts", "left"),
+    [
+        (["3f..5f"], [0, 1, 2, 6, 7, 8, 9, 10, 11]),
+        (["0.12 s..0.2 s"], [0, 1, 2, 6, 7, 8, 9, 10, 11]),
+        (["0f..1f", "9.5f..40f"], [2, 3, 4, 5, 6, 7, 8, 9]),
+        (["40f..50f"], list(range(12))),
+    ],
+)
+def test_excluded_parts_of_a_clip_are_left_out(tmp_path, parts, left):
+    video = open_video(regular(tmp_path), Camera(exclude=tuple(map(span, parts))))
+    assert [frame.index for frame in video.frames()] == left
+    assert [frame.index for frame in video.single(range(12))] == left
+    assert any("beyond the last picture (11f)" in warning for warning in video.warnings) == (len(left) == 12)
+
+
+def test_a_clip_of_which_too_little_is_left_is_refused(tmp_path):
+    with pytest.raises(BadInput, match="--exclude leaves fewer than three frames"):
+        open_video(regular(tmp_path), Camera(exclude=(span("2f..20f"),)))
+
+
+@pytest.mark.parametrize("text", ["5f..3f", "0.1 s..4f", "5f", "..", "1f..2f..3f", "-1f..3f"])
+def test_a_part_of_a_clip_that_cannot_be_is_refused(text):
+    with pytest.raises(BadInput, match="exclude"):
+        span(text)

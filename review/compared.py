@@ -1,0 +1,71 @@
+"""What the last `rigtwin compare` found, as far as it stands in the lab's folder of results."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from rigtwin.lab.formatting import percent, reading, siblings, title
+from rigtwin.lab.input_files import LARGEST_TABLE
+
+SHOWN = (".html", ".csv", ".json", ".toml", ".svg", ".png", ".webp", ".mp4")
+"""Endings of the result files that are linked or shown."""
+
+
+def result_file(folder: Path, name: str) -> Path:
+    """A file of the lab's folder of results.  Raises `LookupError` for any other, also behind a link."""
+    out = folder.resolve() / "out"
+    file = (out / name).resolve()
+    if not file.is_relative_to(out) or file.suffix not in SHOWN or not file.is_file():
+        raise LookupError(name)
+    return file
+
+
+def result_files(folder: Path) -> list[str]:
+    """Names of the reports and tables that earlier commands wrote into the lab's folder of results, reports first."""
+    found = []
+    with suppress(OSError):  # no such folder
+        for file in (folder / "out").iterdir():
+            with suppress(LookupError):
+                found.append(result_file(folder, file.name))
+    return [file.name for file in sorted(found, key=lambda each: (each.suffix != ".html", each.name))]
+
+
+def comparison(lab: Path) -> dict[str, Any]:
+    """Measured beside simulated, by experiment.
+
+    Parameters
+    ----------
+    lab : Path
+        The lab.toml, beside whose folder ``out`` the results lie.
+
+    Returns
+    -------
+    dict
+        ``rows`` by name of the experiment, and whether lab.toml has been changed since; empty if nothing was compared.
+    """
+    with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):  # none, or not of ours
+        file = result_file(lab.parent, "deviations.json")
+        state = file.stat()
+        if state.st_size > LARGEST_TABLE:
+            return {}
+        found = json.loads(file.read_text(encoding="utf-8"))["deviations"]
+        rows: dict[str, list[dict[str, str]]] = {}
+        for name, row in map(_row, found):
+            rows.setdefault(name, []).append(row)
+        return {"rows": rows, "changed_since": lab.stat().st_mtime_ns > state.st_mtime_ns}
+    return {}
+
+
+def _row(row: dict[str, Any]) -> tuple[str, dict[str, str]]:
+    which = siblings({name: row[name] for name in ("bounce", "collision", "body", "side")})
+    return str(row["experiment"]), {
+        "title": title(row["quantity"]) + (which and f", {which}"),
+        "method": str(row["method"]),
+        "measured": reading(row["measured"], row["measured_std_uncertainty"], row["unit"]),
+        "simulated": reading(row["simulated"], row["simulated_std_uncertainty"], row["unit"]),
+        "deviation": percent(row["percent_deviation"], row["percent_deviation_std"]),
+        "verdict": str(row["verdict"]),
+    }

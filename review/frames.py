@@ -1,0 +1,179 @@
+"""Pictures of clips and photos as JPEG, in the pixels that the measurement works with.
+
+A clip is decoded by one thread, from the frame that was asked for onwards, so that the next frames are there before
+they are asked for.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from rigtwin.lab.arrays import Image
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.errors import BadInput
+from rigtwin.measure.geometry.calibration_board import straightened
+from rigtwin.measure.media.photo import read_photo
+from rigtwin.measure.media.pictures import Picture
+from rigtwin.measure.media.video import Video, open_video
+
+QUALITY = 85  # of JPEG: differences to the original are not seen
+LONGEST_SIDE = 2048  # [px], of a picture on the page; a larger one is reduced
+AHEAD = 40  # frames decoded beyond the last one that was asked for
+BEHIND = 24  # frames decoded before one that lies before all that are there: the next ones back are there then
+ONWARDS = 60  # frames: up to here decoding on is faster than looking for a keyframe
+KEPT = 160 * 2**20  # [bytes], of the encoded frames of one clip
+OPEN = 2  # clips kept open at a time
+PATIENCE = 60.0  # [s], for one frame
+
+
+@dataclass(frozen=True)
+class MediaInfo:
+    """Size of the pictures of a clip or photo [px], and the capture times of a clip's frames [s]."""
+
+    width: int
+    height: int
+    times: tuple[float, ...] = ()
+    playback_rate: float = 0.0
+
+
+class Clip:
+    """Frames of one clip; `close` ends its thread."""
+
+    def __init__(self, video: Video) -> None:
+        self.info = MediaInfo(video.width, video.height, tuple(video.times.tolist()), video.playback_rate)
+        self._video = video
+        self._frames: OrderedDict[int, bytes] = OrderedDict()
+        self._size = 0
+        self._wanted = 0
+        self._fault: BaseException | None = None
+        self._closed = False
+        self._changed = threading.Condition()
+        threading.Thread(target=self._decode, name=f"frames of {video.path.name}", daemon=True).start()
+
+    def frame(self, index: int) -> bytes:
+        """One frame as JPEG.  Raises `BadInput` where it cannot be decoded."""
+        if not 0 <= index < len(self.info.times):
+            raise BadInput(f"{self._video.path}: has no frame {index}; its last one is {len(self.info.times) - 1}.")
+        with self._changed:
+            self._wanted = index
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: index in self._frames or self._fault or self._closed, PATIENCE)
+            if index in self._frames:
+                self._frames.move_to_end(index)
+                return self._frames[index]
+            raise BadInput(f"{self._video.path}: frame {index} cannot be decoded; {self._fault or 'ask again'}.")
+
+    def close(self) -> None:
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _decode(self) -> None:
+        reader: Iterator[Picture] = iter(())
+        position = -1  # of the next picture of the reader
+        try:
+            while (target := self._next()) is not None:
+                if not position <= target <= position + ONWARDS or position < 0:
+                    position = target
+                    reader = self._video.source.pictures(position)
+                picture = next(reader, None)
+                if picture is None:
+                    raise BadInput(f"the clip ends before frame {position}")
+                self._keep(position, encoded(picture[1]()))
+                position += 1
+        except Exception as error:  # shown where the frame is asked for
+            with self._changed:
+                self._fault = error
+                self._changed.notify_all()
+
+    def _next(self) -> int | None:
+        """The frame to decode next; waits while there is none, None at the end."""
+        with self._changed:
+            while not self._closed:
+                wanted = self._wanted
+                if wanted not in self._frames:
+                    earlier = range(max(wanted - BEHIND, 0), wanted)
+                    # going back: the frames before it are decoded with it, as each needs those before itself
+                    back = wanted + 1 in self._frames
+                    missing = [index for index in earlier if index not in self._frames] if back else []
+                    return missing[0] if missing else wanted
+                end = min(wanted + AHEAD, len(self.info.times))
+                for index in range(wanted + 1, end):
+                    if index not in self._frames:
+                        return index
+                self._changed.wait()
+        return None
+
+    def _keep(self, index: int, data: bytes) -> None:
+        with self._changed:
+            self._size += len(data) - len(self._frames.pop(index, b""))
+            self._frames[index] = data
+            while self._size > KEPT:
+                self._size -= len(self._frames.popitem(last=False)[1])
+            self._changed.notify_all()
+
+
+class Pictures:
+    """All pictures of a lab; a few clips are kept open."""
+
+    def __init__(self) -> None:
+        self._clips: OrderedDict[Any, Clip] = OrderedDict()
+        self._photos: OrderedDict[Any, tuple[MediaInfo, bytes]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def info(self, medium: Path, camera: Camera, *, photo: bool) -> MediaInfo:
+        """Size and times of a medium.  Raises `BadInput` where it cannot be read."""
+        return self._photo(medium, camera)[0] if photo else self._clip(medium, camera).info
+
+    def picture(self, medium: Path, camera: Camera, index: int, *, photo: bool) -> bytes:
+        """A photo, or one frame of a clip, as JPEG.  Raises `BadInput` where it cannot be read."""
+        return self._photo(medium, camera)[1] if photo else self._clip(medium, camera).frame(index)
+
+    def close(self) -> None:
+        with self._lock:
+            for clip in self._clips.values():
+                clip.close()
+            self._clips.clear()
+
+    def _clip(self, medium: Path, camera: Camera) -> Clip:
+        key = (medium, medium.stat().st_mtime_ns, camera.board, camera.frame_rate)
+        with self._lock:
+            if key not in self._clips:
+                self._clips[key] = Clip(open_video(medium, _as_taken(camera)))
+                while len(self._clips) > OPEN:
+                    self._clips.popitem(last=False)[1].close()
+            self._clips.move_to_end(key)
+            return self._clips[key]
+
+    def _photo(self, medium: Path, camera: Camera) -> tuple[MediaInfo, bytes]:
+        key = (medium, medium.stat().st_mtime_ns, camera.board)
+        with self._lock:
+            if key not in self._photos:
+                picture, _ = read_photo(medium, _as_taken(camera))
+                self._photos[key] = MediaInfo(picture.shape[1], picture.shape[0]), encoded(picture)
+                while len(self._photos) > OPEN * 4:
+                    self._photos.popitem(last=False)
+            self._photos.move_to_end(key)
+            return self._photos[key]
+
+
+def _as_taken(camera: Camera) -> Camera:
+    """The camera without what hides a part of the picture or of the clip, or could lie outside it."""
+    return replace(Camera(frame_rate=camera.frame_rate), lens=straightened(Camera(board=camera.board)).lens)
+
+
+def encoded(picture: Image) -> bytes:
+    """A BGR picture as JPEG, reduced to `LONGEST_SIDE`."""
+    zoom = LONGEST_SIDE / max(picture.shape[:2])
+    if zoom < 1:
+        size = max(round(picture.shape[1] * zoom), 1), max(round(picture.shape[0] * zoom), 1)
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
+    _, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    return data.tobytes()

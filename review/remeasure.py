@@ -1,0 +1,225 @@
+"""Measure repetitions in the background, in processes that stay; the same settings are measured once."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import pickle
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from rigtwin.compare.measure_repetitions import Failure, measure_repetition
+from rigtwin.compare.worker_processes import Workers
+from rigtwin.lab.arrays import Image
+from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.quantity import Measurement
+
+AT_ONCE = 2  # processes: while one is stopped and started again, the other one measures with the new settings
+KEPT = 64  # results
+PHOTOS_KEPT = 6  # in each process: a change of one photo of a repetition leaves the others as they were observed
+MEMORY_SHORT = (
+    "the process that measured ended without a result, most likely because memory ran out; close other programs, or "
+    "give a shorter clip or smaller photos."
+)
+
+
+@dataclass(frozen=True)
+class Remeasured:
+    """What a measurement gave, and how long it took."""
+
+    found: Measurement | Failure
+    seconds: float
+    ended: bool = False
+    """Whether the system ended the process that measured."""
+
+
+class Remeasuring:
+    """Measurements of the repetitions of a lab.
+
+    A measurement is stopped when the same repetition is asked for with other settings, or when all processes are busy.
+    """
+
+    def __init__(self) -> None:
+        self._results: OrderedDict[str, Future[Remeasured]] = OrderedDict()
+        self._lock = threading.Lock()
+        self._slots = [_Slot() for _ in range(AT_ONCE)]
+
+    def measured(self, experiment: Experiment, views: Sequence[Path]) -> tuple[str, Future[Remeasured]]:
+        """Start measuring one repetition, unless that was done with the same settings and media.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Its rig, particle and cameras.
+        views : sequence of Path
+            The media of the repetition.
+
+        Returns
+        -------
+        str
+            What distinguishes these settings from others.
+        Future of Remeasured
+            The result; cancelled if other settings are asked for meanwhile.
+        """
+        key = _key(experiment, views)
+        with self._lock:
+            if not _useful(self._results.get(key)):
+                self._results[key] = self._started(experiment, tuple(views))
+                while len(self._results) > KEPT:
+                    self._results.popitem(last=False)
+            self._results.move_to_end(key)
+            return key, self._results[key]
+
+    def warm_up(self) -> None:
+        """Start the processes, which load their libraries meanwhile."""
+        with self._lock:
+            for slot in self._slots:
+                slot.begin()
+
+    def close(self) -> None:
+        """End the processes at once."""
+        with self._lock:
+            for slot in self._slots:
+                slot.stop()
+
+    def _started(self, experiment: Experiment, views: tuple[Path, ...]) -> Future[Remeasured]:
+        for slot in self._slots:
+            if slot.busy and slot.views == views:
+                slot.renew()
+        idle = [slot for slot in self._slots if not slot.busy]
+        # one that has observed these media before, else one that has loaded its libraries
+        idle.sort(key=lambda slot: (slot.views != views, not slot.loaded))
+        chosen = idle[0] if idle else self._slots[0]
+        if chosen.busy:
+            chosen.renew()
+        self._slots.remove(chosen)
+        self._slots.append(chosen)  # the one that was asked first stands first
+        return chosen.start(experiment, views)
+
+
+class _Slot:
+    """One process that measures one repetition at a time."""
+
+    def __init__(self) -> None:
+        self.views: tuple[Path, ...] = ()
+        self._promised: Future[Remeasured] = Future()
+        self._promised.cancel()
+        self._workers: Workers | None = None
+        self._loading: Future[None] = Future()
+        self._processes: set[BaseProcess] = set()
+
+    @property
+    def busy(self) -> bool:
+        return not self._promised.done()
+
+    @property
+    def loaded(self) -> bool:
+        """Whether the process has loaded its libraries."""
+        return self._loading.done()
+
+    def start(self, experiment: Experiment, views: tuple[Path, ...]) -> Future[Remeasured]:
+        self.views = views
+        workers = self.begin()
+        try:
+            job = workers.submit(_measure, experiment, views)
+        except BrokenProcessPool:  # the process was ended by the system meanwhile
+            self.stop()
+            job = self.begin().submit(_measure, experiment, views)
+        promised: Future[Remeasured] = Future()
+        self._promised = promised
+        job.add_done_callback(lambda done: _hand_on(done, promised, views))
+        return promised
+
+    def renew(self) -> None:
+        """Stop what is measured, and begin a new process."""
+        self.stop()
+        self.begin()
+
+    def stop(self) -> None:
+        self._promised.cancel()
+        for process in self._processes:
+            process.terminate()
+        if self._workers is not None:
+            self._workers.close()
+            self._workers = None
+
+    def begin(self) -> Workers:
+        """Start the process, unless it runs."""
+        if not all(process.is_alive() for process in self._processes):
+            self.stop()
+        if self._workers is None:
+            others = set(multiprocessing.active_children())
+            self._workers = Workers(1)
+            self._loading = self._workers.submit(_load)
+            self._processes = set(multiprocessing.active_children()) - others
+        return self._workers
+
+
+def _useful(known: Future[Remeasured] | None) -> bool:
+    """Whether a result is there or will come; where the system ended the process it is tried again."""
+    if known is None or known.cancelled():
+        return False
+    return not known.done() or (known.exception() is None and not known.result().ended)
+
+
+def _hand_on(done: Future[Remeasured], promised: Future[Remeasured], views: tuple[Path, ...]) -> None:
+    if promised.cancelled():
+        return
+    with suppress(Exception):  # cancelled just now
+        if done.cancelled():
+            promised.cancel()
+        elif isinstance(error := done.exception(), BrokenProcessPool):
+            promised.set_result(Remeasured(Failure(views[0], MEMORY_SHORT), 0.0, ended=True))
+        elif error is not None:
+            promised.set_exception(error)
+        else:
+            promised.set_result(done.result())
+
+
+def _measure(experiment: Experiment, views: tuple[Path, ...]) -> Remeasured:
+    begun = time.perf_counter()
+    more = {"observe_each": _remembering(experiment.rig_name)} if experiment.rig.several_views else {}
+    found = measure_repetition(experiment, views, None, **more)
+    return Remeasured(found, time.perf_counter() - begun)
+
+
+@cache
+def _remembering(rig: str) -> Callable[..., Any]:
+    """What observes a photo of this rig, and does not do so again for the same photo and settings."""
+    observe = import_module(f"rigtwin.measure.{rig}.observe").observe_photo
+    known: OrderedDict[Any, Any] = OrderedDict()
+
+    def observed(photo: Path, image: Image, *settings: Any) -> Any:
+        key = (photo, photo.stat().st_mtime_ns, settings)
+        if key not in known:
+            known[key] = observe(photo, image, *settings)
+            while len(known) > PHOTOS_KEPT:
+                known.popitem(last=False)
+        known.move_to_end(key)
+        return known[key]
+
+    return observed
+
+
+def _load() -> None:
+    for rig in ("drop", "pile"):
+        import_module(f"rigtwin.measure.{rig}.measurement")
+
+
+def _key(experiment: Experiment, views: Sequence[Path]) -> str:
+    """A text that is the same for the same settings of these media."""
+    cameras = tuple(experiment.camera_of(view) for view in views)
+    state = tuple((view, view.stat().st_mtime_ns, view.stat().st_size) for view in views if view.exists())
+    alone = replace(experiment, repetitions=(), cameras={}, rejected={}, measured=(), outside=frozenset())
+    return hashlib.sha256(pickle.dumps((alone, cameras, state))).hexdigest()

@@ -1,0 +1,88 @@
+"""Start the server of the page on this machine, and end it."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import uvicorn
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.review.application import Review
+from rigtwin.review.described import OpenLab
+from rigtwin.review.guard import Guard
+
+HOST = "127.0.0.1"
+GRACE = 1  # [s], for answers under way when the server ends
+
+
+def serve(
+    lab: Path,
+    announce: Callable[[str], None],
+    *,
+    port: int | None = None,
+    browser: bool = True,
+    allow_outside: bool = False,
+) -> None:
+    """Serve the page of a lab until it is interrupted.
+
+    Parameters
+    ----------
+    lab : Path
+        Folder with a lab.toml, or the lab.toml itself.
+    announce : callable
+        Called with the address of the page when it can be opened.
+    port : int, optional
+        Port on this machine; a free one by default.
+    browser : bool
+        Whether to open the page in a browser.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
+
+    Raises
+    ------
+    BadLabFile
+        If lab.toml is not valid.
+    BadInput
+        If the port is taken.
+    """
+    if lab.is_file() and lab.suffix != ".toml":
+        raise BadInput(
+            f"{lab}: is no lab; start one with `rigtwin init DIR`, and name this file under repetitions there."
+        )
+    path = lab / "lab.toml" if lab.is_dir() else lab
+    OpenLab.read(path, allow_outside=allow_outside)
+    with closing(_listening(port)) as listener, closing(Review(path, allow_outside=allow_outside)) as review:
+        bound, token = listener.getsockname()[1], secrets.token_urlsafe(24)
+        address = f"http://{HOST}:{bound}/?token={token}"
+        threading.Thread(target=review.look_ahead, daemon=True).start()
+        announce(address)
+        if browser:
+            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+        config = uvicorn.Config(
+            Guard(review.application, bound, token),
+            log_level="error" if os.environ.get("RIGTWIN_DEBUG") else "critical",
+            access_log=False,
+            server_header=False,
+            lifespan="off",
+            timeout_graceful_shutdown=GRACE,
+        )
+        uvicorn.Server(config).run(sockets=[listener])
+
+
+def _listening(port: int | None) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.bind((HOST, port or 0))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        why = (error.strerror or "cannot be used").lower()
+        raise BadInput(f"--port: {port}: {why}; leave it out to use a free one.") from None
+    return listener

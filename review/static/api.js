@@ -1,0 +1,23 @@
+// Requests to the server of this page.  A refusal is thrown with its sentence.
+
+async function answer(response) {
+  const found = await response.json().catch(() => ({ error: response.statusText }));
+  if (!response.ok) throw new Error(found.error ?? "the server does not answer; start rigtwin review again.");
+  return found;
+}
+
+async function asked(address, options) {
+  let response;
+  try {
+    response = await fetch(address, options);
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Error("the server has ended; start rigtwin review again and open its new address.");
+  }
+  return answer(response);
+}
+
+export const get = (address, signal) => asked(address, { signal });
+
+export const post = (address, body) =>
+  asked(address, { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) });

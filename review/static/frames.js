@@ -1,0 +1,60 @@
+// Frames of one clip: fetched before they are needed, in the direction in which the person scrubs.
+
+const AHEAD = 10; // frames
+const AT_ONCE = 3; // requests; a browser opens six connections to a server
+const KEPT = 240; // encoded frames
+
+export class Frames {
+  constructor(address, count, version) {
+    this.address = address;
+    this.count = count;
+    this.version = version;
+    this.blobs = new Map(); // frame -> promise of its blob
+    this.under = 0;
+    this.at = 0;
+    this.direction = 1;
+  }
+
+  /** The decoded picture of a frame; the ones after it are fetched meanwhile. */
+  async picture(index) {
+    this.direction = index < this.at ? -1 : 1;
+    this.at = index;
+    const blob = await this.blob(index);
+    this.lookAhead();
+    return createImageBitmap(blob);
+  }
+
+  blob(index) {
+    let blob = this.blobs.get(index);
+    if (!blob) {
+      blob = this.fetched(index);
+      blob.catch(() => this.blobs.delete(index));
+    }
+    this.blobs.delete(index); // to the end of the map: used last
+    this.blobs.set(index, blob);
+    for (const oldest of this.blobs.keys()) {
+      if (this.blobs.size <= KEPT) break;
+      this.blobs.delete(oldest);
+    }
+    return blob;
+  }
+
+  async fetched(index) {
+    this.under += 1;
+    try {
+      const response = await fetch(`${this.address}/${index}?v=${this.version}`);
+      if (!response.ok) throw new Error((await response.json()).error);
+      return await response.blob();
+    } finally {
+      this.under -= 1;
+    }
+  }
+
+  lookAhead() {
+    for (let step = 1; step <= AHEAD && this.under < AT_ONCE; step += 1) {
+      const next = this.at + step * this.direction;
+      if (next < 0 || next >= this.count) return;
+      if (!this.blobs.has(next)) this.blob(next).then(() => this.lookAhead(), () => {});
+    }
+  }
+}

@@ -1,0 +1,68 @@
+"""What the page shows of earlier comparisons."""
+
+import json
+import os
+
+import pytest
+
+from rigtwin.compare.deviation import deviations
+from rigtwin.lab.quantity import Quantity
+from rigtwin.review.compared import comparison, result_file, result_files
+
+
+@pytest.fixture
+def lab(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "lab.toml").write_text("")
+    os.utime(tmp_path / "lab.toml", (1, 1))
+    return tmp_path
+
+
+def written(lab):
+    measured, simulated = (
+        Quantity("restitution_wall", value, 0.01, "1", "height", detail={"bounce": 1}) for value in (0.40, 0.50)
+    )
+    rows = deviations("drop", "drop", [measured], [simulated], set_from=None)
+    (lab / "out/deviations.json").write_text(json.dumps({"deviations": [row.row() for row in rows]}))
+
+
+def test_measured_and_simulated_stand_side_by_side(lab):
+    written(lab)
+    found = comparison(lab / "lab.toml")
+    assert found["changed_since"] is False
+    (row,) = found["rows"]["drop"]
+    assert row["title"] == "Restitution on the wall, bounce 1"
+    assert (row["measured"], row["simulated"]) == ("0.400 ± 0.010", "0.500 ± 0.010")
+    assert row["deviation"].startswith("+25.0")
+
+
+def test_a_lab_that_was_changed_since_is_said_to_be(lab):
+    written(lab)
+    os.utime(lab / "lab.toml")
+    os.utime(lab / "out/deviations.json", (2, 2))
+    assert comparison(lab / "lab.toml")["changed_since"] is True
+
+
+@pytest.mark.parametrize("content", ["", "[]", '{"deviations": [{}]}', '{"deviations": 3}', "{"])
+def test_files_that_are_not_of_ours_show_nothing(lab, content):
+    (lab / "out/deviations.json").write_text(content)
+    assert comparison(lab / "lab.toml") == {}
+
+
+def test_only_results_in_the_folder_itself_are_listed_and_found(lab):
+    for name in ("report.html", "deviations.csv", "notes.txt"):
+        (lab / "out" / name).write_text("")
+    (lab / "secret.html").write_text("")
+    (lab / "out/link.html").symlink_to(lab / "secret.html")
+    assert result_files(lab) == ["report.html", "deviations.csv"]
+    for name in ("link.html", "../secret.html", "notes.txt", "nothing.html"):
+        with pytest.raises(LookupError):
+            result_file(lab, name)
+
+
+def test_a_folder_of_results_that_is_a_link_elsewhere_is_not_shown(lab, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (elsewhere / "report.html").write_text("")
+    (lab / "out").rmdir()
+    (lab / "out").symlink_to(elsewhere)
+    assert result_files(lab) == []

@@ -1,0 +1,83 @@
+"""Pictures of clips and photos are those that the measurement sees, whichever is asked for next."""
+
+import os
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from rigtwin.lab.camera import Camera, moment
+from rigtwin.lab.errors import BadInput
+from rigtwin.measure.media import video_file
+from rigtwin.review import frames as subject
+from rigtwin.review.frames import Pictures
+
+COUNT = 200
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """The halves of frame k have grey levels that say its tens and its ones."""
+    path = tmp_path_factory.mktemp("clip") / "clip.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30, options={"crf": "4", "x264-params": "keyint=50:mbtree=0"})
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for k in range(COUNT):
+            grey = np.full((48, 64, 3), 40 + 10 * (k // 10), dtype=np.uint8)
+            grey[:, 32:] = 40 + 10 * (k % 10)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="bgr24")))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.fixture
+def pictures():
+    made = Pictures()
+    yield made
+    made.close()
+
+
+def level(data):
+    return float(cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE).mean())
+
+
+def number_on(data):
+    grey = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE).astype(float)
+    tens, ones = (round((float(half.mean()) - 40) / 10) for half in (grey[:, 4:28], grey[:, 36:60]))
+    return 10 * tens + ones
+
+
+@pytest.mark.parametrize("kept", [10**9, 1])  # decoded pictures of all of the clip, or of none
+def test_frames_are_right_in_any_order(clip, pictures, monkeypatch, kept):
+    monkeypatch.setattr(video_file, "KEPT", kept)
+    monkeypatch.setattr(subject, "KEPT", 40_000)  # some dozen frames
+    for index in (0, 1, 2, 199, 198, 197, 100, 99, 98, 60, 61, 150, 10, 9, 0):
+        assert number_on(pictures.picture(clip, Camera(), index, photo=False)) == index
+
+
+def test_all_of_a_clip_is_shown_whatever_is_measured_of_it(clip, pictures):
+    info = pictures.info(clip, Camera(frame_rate=240, start=moment("50f"), region=(0, 0, 20, 20)), photo=False)
+    assert (info.width, info.height, len(info.times)) == (64, 48, COUNT)
+    assert info.times[120] == pytest.approx(0.5)
+
+
+def test_a_frame_behind_the_end_is_refused(clip, pictures):
+    with pytest.raises(BadInput, match="has no frame 200; its last one is 199"):
+        pictures.picture(clip, Camera(), COUNT, photo=False)
+
+
+def test_a_large_photo_is_reduced_and_said_with_its_own_size(tmp_path, pictures):
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((300, 4000, 3), 90, dtype=np.uint8))
+    info = pictures.info(tmp_path / "photo.png", Camera(), photo=True)
+    assert (info.width, info.height, info.times) == (4000, 300, ())
+    data = pictures.picture(tmp_path / "photo.png", Camera(), 0, photo=True)
+    assert cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR).shape == (154, 2048, 3)
+
+
+def test_a_photo_that_was_replaced_is_read_again(tmp_path, pictures):
+    photo = tmp_path / "photo.png"
+    for grey in (50, 150):
+        cv2.imwrite(str(photo), np.full((40, 60, 3), grey, dtype=np.uint8))
+        os.utime(photo, (grey, grey))
+        assert level(pictures.picture(photo, Camera(), 0, photo=True)) == pytest.approx(grey, abs=1)
