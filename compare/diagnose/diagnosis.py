@@ -309,7 +309,7 @@ def _nearly_all(best: Candidate, formula: Candidate) -> bool:
     The law of a listed effect holds to some percent; the better the data, the larger the deviance that those leave.
     """
     plausible = all(surprise(best.fitted, term) <= FACTOR_TWO for term in best.terms)
-    return plausible and len(best.terms) <= len(formula.terms) + 1 and best.gain >= LEFT * formula.gain
+    return plausible and len(best.terms) <= len(formula.terms) and best.gain >= LEFT * formula.gain
 
 
 def _remains(bench: Regioned, location: Location, fitted: Fit) -> bool:

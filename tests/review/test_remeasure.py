@@ -85,6 +85,7 @@ def test_a_process_that_the_system_ends_is_said_and_replaced(lab, measuring):
     for slot in measuring._slots:
         for process in slot._processes:
             os.kill(process.pid, signal.SIGKILL)
+            process.join(60)
     found = started.result(60).found
     assert isinstance(found, Failure)
     assert "ended without a result" in found.message

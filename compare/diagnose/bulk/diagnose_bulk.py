@@ -121,6 +121,7 @@ class BulkDiagnosis:
             "designs": [one.to_json() for one in self.designs],
             "calibration": calibrated,
             "strained": strained(calibrated),
+            "scatter": [],
             "tried": [
                 {
                     "effects": list(one.names), "gain": one.gain, "refused": one.reason,

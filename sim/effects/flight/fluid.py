@@ -44,7 +44,7 @@ EFFECT = Effect(
             3.5,
             0.3,
             assumed=(0.0, 1.0),
-            starts=(0.0, 2.0),
+            starts=(0.0, 1.0, 2.0),
             meaning="log10 of eta in mPa s; 0 for water",
         ),
     ),

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from rigtwin.cli import run
 from rigtwin.compare.campaign.run import Done
 from rigtwin.compare.diagnose.bulk import further_experiment, twin_design
 from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
+from rigtwin.compare.diagnose.diagnosis import Diagnosis
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.model_file import read_model
 from rigtwin.lab.quantity import Quantity
@@ -136,6 +138,16 @@ def test_a_lab_that_agrees_with_its_twins_has_no_effect(tmp_path, by_law):
     assert (said["verdict"], said["effects"]) == ("none", [])
     assert "rolling resistance" in said["next_experiment"]  # the smallest one that would have shown
     assert len(by_law) <= 40 * len(PILES)
+
+
+def test_the_documentation_describes_each_key_of_the_document(tmp_path, by_law):
+    found, _files = diagnose_folder(write(tmp_path / "lab", PILES), tmp_path / "out")
+    text = (Path(__file__).parents[3] / "docs" / "diagnosis.md").read_text()
+    table = text.split("## The file diagnosis.json")[1].split("## ")[0]
+    rows = [row for row in table.splitlines() if row.startswith("| `")]
+    described = {key for row in rows for key in re.findall(r"`(\w+)`", row.split(" | ")[0])}
+    of_single_bodies = Diagnosis(SimpleNamespace(title="", rig="drop"), "none", "").to_json()
+    assert described == set(found.to_json()) == {"twins", *of_single_bodies}
 
 
 def test_missing_rolling_resistance_is_named_with_its_coefficient_and_enters_the_model(tmp_path, by_law):
