@@ -520,7 +520,7 @@ class _ExperimentEntry(_Entry):
     files: dict[str, FileEntry] = Field(
         default={}, description='keys of single files, by the name of the file, under [experiments.files."NAME"]'
     )
-    rig: str = Field(description="the rig")
+    rig: str = Field(examples=["drop"], description="its rig")
 
     @property
     def table(self) -> TableOptions:
