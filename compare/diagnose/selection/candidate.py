@@ -103,7 +103,7 @@ def _beyond(fitted: Fit, term: Effect) -> str:
     shape = [f"{term.name}.{one.name}" for one in term.parameters if one.assumed is not None]
     for parameter in term.parameters:
         name = f"{term.name}.{parameter.name}"
-        value, std = fitted.value(name), fitted.std(name)
+        value, std = fitted.value(name), fitted.std_given(name, [one for one in shape if one != name])
         beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))
         if value < parameter.low - 2 * std or value > beyond:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
@@ -111,7 +111,6 @@ def _beyond(fitted: Fit, term: Effect) -> str:
             continue
         if abs(value) < parameter.least:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is no larger than in any lab"
-        std = fitted.std_given(name, shape)
         if abs(value) < 3.0 * std:
             return f"{parameter.name} = {value:.3g} is within three standard deviations ({std:.2g} each) of zero"
     return ""

@@ -77,6 +77,8 @@ class _Search:
     done: dict[frozenset[str], Candidate] = field(default_factory=dict)
     rough: tuple[Regioned, Fit] | None = None
     """Part of the data and the baseline's fit to it, if the baseline fits badly."""
+    chosen: Sequence[int] = ()
+    """Numbers of the repetitions in that part."""
     beside: dict[tuple[frozenset[str], frozenset[str]], float] = field(default_factory=dict)
     """Gain of a set over a smaller one whose laws are free (see `bent_laws`)."""
     broken: dict[str, None] = field(default_factory=dict)
@@ -85,8 +87,8 @@ class _Search:
     def begin(self) -> None:
         """Choose part of the data if the disagreement is large enough for screening."""
         if self.base.per_row > ROUGH:
-            part, chosen = coarse(self.bench)
-            self.rough = part, fit(part, near=cut(self.base, chosen), most=20, rounds=1)
+            part, self.chosen = coarse(self.bench)
+            self.rough = part, fit(part, near=cut(self.base, self.chosen), most=20, rounds=1)
 
     def consider(self, root: Candidate | None, candidates: Sequence[Effect]) -> list[Candidate]:
         """Fit each candidate added to `root`, or to the baseline if there is none."""
@@ -217,7 +219,10 @@ class _Search:
 
     def _to_the_end(self, one: Candidate) -> Candidate:
         if one.rough is not None and self.base.per_row > LOST:
-            fitted = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
+            fitted = fit(self.bench, one.terms, near=self._carried(one.rough), most=25, rounds=2)
+            if fitted.per_row > LOST:
+                anew = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
+                fitted = min(fitted, anew, key=lambda each: each.deviance)
         elif one.rough is not None:
             near = replace(one.rough, local=self.base.local, scatter=self.base.scatter)
             fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
@@ -229,6 +234,23 @@ class _Search:
             # nearly interchangeable calibration quantities form a long valley, which needs many steps
             fitted = fit(self.bench, one.terms, near=fitted, most=40)
         return Candidate(one.terms, fitted, self._gain(fitted), refused(fitted, one.terms), one.rough)
+
+    def _carried(self, rough: Fit) -> Fit:
+        """A fit to part of the data as a start for all: each repetition begins like a fitted one of its setting.
+
+        Its own guess may be far off where the baseline does not describe the motion; its moment of release, the first
+        local unknown (of a slide its place), is kept.
+        """
+        values = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
+        local = self.bench.first_guess(values)
+        condition = self.bench.condition
+        for run in range(len(local)):
+            alike = [k for k, known in enumerate(self.chosen) if condition[known] == condition[run]]
+            if run in self.chosen:
+                local[run] = rough.local[list(self.chosen).index(run)]
+            elif alike:
+                local[run, 1:] = rough.local[alike[0], 1:]
+        return replace(rough, local=local)
 
     def certified(self, one: Candidate) -> Candidate:
         """The candidate fitted until unknowns and scatter converge, so that the report does not depend on the path."""
