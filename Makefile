@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-review faults fuzz clean
+.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-verdicts bench-review faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -24,6 +24,7 @@ lint: $(READY)
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
 	$(BIN)/python benchmarks/measure/thresholds.py --check
+	$(BIN)/python benchmarks/lab_keys.py --check
 	$(BIN)/numpydoc lint api.py lab/record_figure.py measure/*/measurement.py
 	$(BIN)/codespell -D docs/word_list.txt --skip "docs/word_list.txt,*.onnx" $(PLAIN)
 
@@ -31,6 +32,7 @@ format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/python benchmarks/measure/thresholds.py
+	$(BIN)/python benchmarks/lab_keys.py
 
 # every benchmark with few particles, frames and repetitions: shows that it runs; its figures mean nothing
 smoke: $(READY)
@@ -95,6 +97,10 @@ bench-campaign: $(READY)
 # COUNT=4 make bench-sweep: packings of 3000 beads (all 56 without COUNT) by rigtwin and by LIGGGHTS; goes on
 bench-sweep: $(READY)
 	$(BIN)/python benchmarks/campaign/sweep_speed.py
+
+# SEED=7 make bench-verdicts: how often right and wrong twins are called different with one repetition; half a minute
+bench-verdicts: $(READY)
+	$(BIN)/python benchmarks/compare/verdict_rates.py
 
 # where Chromium is installed; a minute
 bench-review: $(READY)

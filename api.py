@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison
     from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
+    from rigtwin.compare.measure_lab import LabMeasurements
     from rigtwin.compare.twins.twin import Twin
     from rigtwin.lab.file.lab_file import Lab
     from rigtwin.lab.progress import Progress
@@ -245,6 +246,46 @@ class OpenLab:
         )
         comparison: Comparison = _run(work, workers=workers, progress=progress or silent)
         return comparison
+
+    def measure(
+        self,
+        *,
+        out: str | Path | None = None,
+        only: str | Sequence[str] = (),
+        workers: int | None = None,
+        again: bool = False,
+        progress: Progress | None = None,
+    ) -> LabMeasurements:
+        """Measure all repetitions, without twins.
+
+        Parameters
+        ----------
+        out : str or pathlib.Path, optional
+            Folder for tables and pictures; ``out`` in the lab folder by default.
+        only : str or sequence of str, optional
+            Ids of the experiments to take; all by default.
+        workers : int, optional
+            Number of measuring processes, one for each core by default.
+        again : bool
+            Whether repetitions are measured again that are kept in `out`.
+        progress : callable, optional
+            Called as ``progress(stage, done, total)``.
+
+        Returns
+        -------
+        rigtwin.compare.measure_lab.LabMeasurements
+            ``to_frame()`` gives every quantity of every repetition as a table.
+        """
+        from rigtwin.commands import measure
+        from rigtwin.lab.progress import silent
+
+        work = _work(
+            _inner(measure.measure_lab),
+            {"lab": self.folder},
+            {"out": out, "only": only, "workers": workers, "again": again, "allow_outside": self.allow_outside},
+        )
+        measured: LabMeasurements = _run(work, progress=progress or silent)
+        return measured
 
     def calibrate(
         self,

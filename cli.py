@@ -328,10 +328,16 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
 
 
 def _fail(kind: str, message: str, code: int, as_json: bool, error: Exception | None = None) -> int:
+    from rigtwin.lab.errors import BadLabFile
+
     sentence = " ".join(message.split())
     log_file.failure(sentence, code, error)
+    faults = [" ".join(fault.split()) for fault in error.faults] if isinstance(error, BadLabFile) else []
     if as_json:
-        print_json({"error": {"type": kind, "message": sentence, "exit_code": code}})
+        several = {"faults": faults} if faults else {}
+        print_json({"error": {"type": kind, "message": sentence, "exit_code": code, **several}})
+    elif isinstance(error, BadLabFile) and faults:
+        typer.echo("\n  ".join([f"rigtwin: {error.headed}:", *faults]), err=True)
     else:
         typer.echo(f"rigtwin: {sentence}", err=True)
     return code

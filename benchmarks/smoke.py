@@ -66,6 +66,7 @@ SCRIPTS = (
     Script("devices", 2, "engine/devices.py"),
     Script("calibrate_search", 4, "calibrate/search_cost.py"),
     Script("bench-drum-moments", 35, "measure/drum_moments.py"),
+    Script("bench-verdicts", 20, "compare/verdict_rates.py"),
 )
 
 

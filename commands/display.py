@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison
     from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
+    from rigtwin.compare.measure_lab import LabMeasurements
     from rigtwin.compare.reproduce.reproduce import Reproduction
     from rigtwin.compare.twins.twin import Twin
     from rigtwin.lab.progress import Progress
@@ -180,8 +181,16 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
             )
         table.add_section()
     console.print(table)
+    console.print(escape(comparison.headline))
     if rest:
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
+    notes: dict[tuple[str, str], list[str]] = {}
+    for row in primary:
+        notes.setdefault((row.experiment, row.note), []).append(title(row.quantity))
+    for (name, note), quantities in notes.items():
+        if note:
+            of = ", ".join(dict.fromkeys([name, *quantities]))
+            console.print(f"[dim]note:[/dim] {escape(f'{of}: {note}')}")
     for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
     for warning in comparison_warnings(comparison):
@@ -189,6 +198,45 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
     for sentence in comparison.lab.borrowed:
         console.print(f"[dim]borrowed:[/dim] {escape(sentence)}")
     for path in comparison.files.values():
+        typer.echo(f"wrote {path}")
+
+
+def show_lab_measurements(found: LabMeasurements, as_json: bool, quiet: bool) -> None:
+    """The repetitions of each experiment combined."""
+    if as_json:
+        print_json(found.to_json())
+    elif not quiet:
+        _tell_lab_measurements(_console(), found)
+
+
+def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
+    from rich.table import Table
+
+    from rigtwin.compare.deviation import primary_first
+    from rigtwin.lab.formatting import reading, siblings, title, uncertainty
+
+    primary, rest = primary_first(found.means)
+    table = Table(title=escape(found.lab.title), title_justify="left")
+    for column in ("experiment", "quantity", "which", "mean", "scatter", "n", ""):
+        table.add_column(column, justify="right" if column in ("mean", "scatter", "n") else "left")
+    for row in primary:
+        table.add_row(
+            escape(row.experiment),
+            f"{title(row.quantity)} [dim]({escape(row.method)})[/dim]",
+            escape(siblings(row.row())),
+            reading(row.measured, row.measured_std_uncertainty, row.unit),
+            uncertainty(row.measured_std, row.unit) if row.measured_n > 1 else "",
+            str(row.measured_n),
+            "[yellow]doubtful[/yellow]" if row.doubtful else "",
+        )
+    console.print(table)
+    if rest:
+        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in measurements.csv")
+    for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
+        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
+    for warning in found.warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    for path in found.files.values():
         typer.echo(f"wrote {path}")
 
 

@@ -19,6 +19,8 @@ Outside = Annotated[
     bool, typer.Option("--allow-outside", help="Let the lab name files outside its folder (absolute paths, links, ..).")
 ]
 
+Again = Annotated[bool, typer.Option("--again", help="Measure repetitions again whose measurements are kept in OUT.")]
+
 
 @finished(show_comparison, comparison_warnings)
 def compare(
@@ -51,21 +53,22 @@ def compare(
         ),
     ] = None,
     cluster: Cluster = None,
+    again: Again = False,
     allow_outside: Outside = False,
     out: Out = None,
 ) -> Work:
     """Measure a whole lab, run its twins, write percent deviations.
 
     Every experiment of lab.toml is measured and its matched twin is run. A table, CSV and JSON files and a report show
-    the measured value, the simulated value and their difference. Several runs of a twin are computed side by side and
-    kept; called again, only missing ones are run.
+    the measured value, the simulated value and their difference. Measurements are kept, and so are several runs of a
+    twin, which are computed side by side; called again, only missing ones are done.
     """
     from rigtwin.compare.compare_lab import compare as compare_lab
 
     return partial(
         compare_lab,
         lab,
-        _beside(lab, out),
+        beside(lab, out),
         only=only,
         count=count,
         seed=seed,
@@ -76,6 +79,7 @@ def compare(
         rolling=None if rolling_model is None else simulate.rolling_law(rolling_model),
         simulated=folders_of(simulated or ()),
         cluster=cluster,
+        again=again,
         allow_outside=allow_outside,
     )
 
@@ -129,10 +133,11 @@ def diagnose(
     from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder
 
     return partial(
-        diagnose_folder, lab, _beside(lab, out), own=effect or (), only=only or (), allow_outside=allow_outside,
+        diagnose_folder, lab, beside(lab, out), own=effect or (), only=only or (), allow_outside=allow_outside,
         store=store, workers=workers, cluster=cluster, seed=seed,
     )  # fmt: skip
 
 
-def _beside(lab: Path, out: Path | None) -> Path:
+def beside(lab: Path, out: Path | None) -> Path:
+    """Folder for results: `out`, or ``out`` in the lab folder."""
     return out or (lab if lab.is_dir() else lab.parent) / "out"

@@ -3,15 +3,50 @@
 from __future__ import annotations
 
 from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
+from typer.core import TyperGroup
 
-from rigtwin.commands.options import FILM, PHOTO, BeadDiameter, BeadMass, TotalMass, density, filmed, quantity, tracked
-from rigtwin.commands.run_command import Work, measured
+from rigtwin.commands.display import show_lab_measurements
+from rigtwin.commands.labs import Again, Outside, beside
+from rigtwin.commands.options import (
+    FILM,
+    PHOTO,
+    BeadDiameter,
+    BeadMass,
+    Out,
+    TotalMass,
+    density,
+    filmed,
+    quantity,
+    tracked,
+)
+from rigtwin.commands.run_command import Work, finished, measured
 
-app = typer.Typer(help="Measure one rig from its video or photos.", no_args_is_help=True, rich_markup_mode=None)
+
+class RigOrLab(TyperGroup):
+    """A group in which the name of a lab folder, or of its lab.toml, stands for the command ``lab``."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        known = self.get_command(ctx, args[0]) if args else None
+        if args and known is None and not args[0].startswith("-") and _is_lab(Path(args[0])):
+            args = ["lab", *args]
+        return super().resolve_command(ctx, args)
+
+
+def _is_lab(path: Path) -> bool:
+    return path.suffix == ".toml" or path.is_dir()
+
+
+app = typer.Typer(
+    cls=RigOrLab,
+    help="Measure one rig from its video or photos, or a whole lab.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
 Camera = Any  # a lab.camera.Camera, which `filmed` makes of the camera's options
 
@@ -234,4 +269,31 @@ def measure_hopper(
         total_mass=total_mass,
         bin_width=bin_width,
         table=table,
+    )
+
+
+@app.command("lab", epilog="Example: rigtwin measure lab my-lab --only drop-D6-steel")
+@finished(show_lab_measurements, attrgetter("warnings"))
+def measure_lab(
+    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
+    *,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="ID", help="Only this experiment; may be given again.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Clips measured at a time; one per core.")
+    ] = None,
+    again: Again = False,
+    allow_outside: Outside = False,
+    out: Out = None,
+) -> Work:
+    """All repetitions of a lab, without its twins: also `measure LAB`.
+
+    Measurements are kept in OUT/measured by media, settings and version: called again, only what is new or changed is
+    measured, also by `rigtwin compare`.
+    """
+    from rigtwin.compare.measure_lab import measure_lab as measure_all
+
+    return partial(
+        measure_all, lab, beside(lab, out), only=only, workers=workers, again=again, allow_outside=allow_outside
     )

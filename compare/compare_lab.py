@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -23,20 +23,23 @@ from rigtwin.compare import result_files
 from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.runners import Runner, runner
 from rigtwin.compare.campaign.twin_runs import twin_from, twin_run
+from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
+from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Measured, folders, measuring
-from rigtwin.compare.preflight import need_possible
+from rigtwin.compare.preflight import preflight
 from rigtwin.compare.twins.imported import imported_for
 from rigtwin.compare.twins.matched import (
+    as_seen,
     checkpoints,
     twin_of,
 )
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.checksums import sha256
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, Claimed, SimulationFailed, TwinLacks
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import Model, read_model
 from rigtwin.lab.file.schema import suggestion
@@ -69,6 +72,7 @@ def compare(
     simulated: Mapping[str, Path] | None = None,
     cluster: str | None = None,
     allow_outside: bool = False,
+    again: bool = False,
 ) -> Comparison:
     """Compare a lab with its twins and write the results.
 
@@ -105,6 +109,8 @@ def compare(
         A cluster for the twins of many particles, as in `rigtwin.compare.campaign.runners.runner`.
     allow_outside : bool
         Whether the lab may name files outside its folder.
+    again : bool
+        Whether repetitions are measured again whose measurements are kept in `out`.
 
     Returns
     -------
@@ -121,50 +127,49 @@ def compare(
 
     Notes
     -----
-    A repetition that cannot be measured is left out with a warning.  After an error the files of an earlier run are
+    A repetition that cannot be measured is left out with a warning; an experiment whose twin lacks something, or fails,
+    has no simulated values.  Measurements are kept in ``out/measured``.  After an error the files of an earlier run are
     unchanged.  The next call continues an interrupted one: a single run of a twin of many particles from its state in
     ``out/unfinished``, several runs with those that ``out/runs`` does not contain.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     lab = read_lab(lab_folder, allow_outside=allow_outside)
-    experiments = _chosen(lab, only)
+    experiments = chosen(lab, only)
     remarks = [*_stale(lab, experiments, out)]
     if model is not None:
         given = read_model(model)
         lab = _under(lab, given)
         remarks += _made_for_others(model, given, experiments)
-    for experiment in experiments:
-        _need_contacts(lab, experiment)
     _need_takers(
         lab, experiments, count=count, runs=runs, stiffness_factor=stiffness_factor, rolling=rolling, cluster=cluster
     )
     where = None
     if runs > 1 or cluster is not None:
         where = runner(cluster, threads, out / RUNS, option="--threads")
-    for experiment in experiments:
-        need_possible(lab, experiment, count=count)
     twins, more = _imported(lab, experiments, simulated or {})
     remarks += more
+    lacking = preflight(lab, experiments, count=count)
+    lacking = {name: why for name, why in lacking.items() if name not in twins}
     settings = {"count": count, "threads": threads, "stiffness_factor": stiffness_factor, "rolling": rolling}
     with result_files.claimed(out):
-        for place in folders(experiments):
+        for place in (*folders(experiments), KEPT):
             remove_leftovers(out / place)
-        measured, twins, seconds = _measured_and_run(
+        ran = _measured_and_run(
             lab,
             experiments,
             out,
             workers,
             settings,
             twins,
+            lacking,
+            again=again,
             seeds=range(seed, seed + runs),
             where=where,
             clock=clock,
             progress=progress,
         )
-        outcomes = tuple(
-            _outcome(experiment, measured[experiment.id], twins[experiment.id]) for experiment in experiments
-        )
-        comparison = Comparison(lab, outcomes, seed, started, seconds, remarks=tuple(remarks))
+        outcomes = tuple(_outcome(experiment, ran, count) for experiment in experiments)
+        comparison = Comparison(lab, outcomes, seed, started, ran.seconds, remarks=tuple(remarks))
         written = _written(comparison, out, clock, progress)
         for experiment in experiments:
             for kept in checkpoints(out / UNFINISHED, experiment):
@@ -174,6 +179,21 @@ def compare(
     return written
 
 
+@dataclass(frozen=True)
+class _Ran:
+    """Measurements and twins of the experiments, by name."""
+
+    measured: Mapping[str, Measured]
+    twins: dict[str, list[Twin]]
+    without: dict[str, str]
+    """Why an experiment has no twin."""
+    filmed: dict[str, Experiment]
+    """The experiments with the settings that their media show."""
+    seen: dict[str, str]
+    """What the twins take from the media, in words."""
+    seconds: dict[str, float]
+
+
 def _measured_and_run(
     lab: Lab,
     experiments: Sequence[Experiment],
@@ -181,38 +201,62 @@ def _measured_and_run(
     workers: int | None,
     settings: Mapping[str, Any],
     imported: Mapping[str, list[Twin]],
+    lacking: Mapping[str, str],
     *,
+    again: bool,
     seeds: range,
     where: Runner | None,
     clock: float,
     progress: Progress,
-) -> tuple[Mapping[str, Measured], dict[str, list[Twin]], dict[str, float]]:
-    """Measurements and twins by experiment, and the seconds that each took; `imported` twins are not run.
+) -> _Ran:
+    """Measure the experiments and run their twins, but for `imported` ones and those that are `lacking` something.
 
     Twins of many particles are runs of a campaign if `where` is given.
     """
-    twins = dict(imported)
-    run: Callable[..., Twin] = partial(
-        twin_of, model=lab.model, seed=seeds[0], kept_in=out / UNFINISHED, progress=progress, **settings
-    )
+    twins, without = dict(imported), dict(lacking)
+    filmed, seen = {one.id: one for one in experiments}, dict.fromkeys((one.id for one in experiments), "")
+
+    def run(waiting: Sequence[Experiment], measured: Mapping[str, Measured]) -> None:
+        """Run the twins of the experiments that are `waiting` for nothing any more."""
+        if where is not None:
+            many = [one for one in waiting if entry_of(one).many_particles]
+            done, failed = _side_by_side(lab, many, out / RUNS, settings, seeds, where, progress)
+            twins.update(done)
+            without.update(failed)
+        for one in waiting:
+            if one.id in twins or one.id in without:
+                continue
+            found = measured[one.id].measurements if one.id in measured else ()
+            try:
+                twins[one.id] = [
+                    twin_of(
+                        one, model=lab.model, seed=seeds[0], kept_in=out / UNFINISHED, progress=progress,
+                        measurements=found, **settings,
+                    )
+                ]  # fmt: skip
+            except Claimed:
+                raise
+            except TwinLacks as error:
+                without[one.id] = str(error).rstrip(".")
+            except (BadInput, SimulationFailed) as error:
+                without[one.id] = f"the twin failed: {str(error).rstrip('.')}"
+
     with _note_of_kept(out / UNFINISHED, experiments):
-        with measuring(experiments, out, workers) as pending:
-            if where is not None:
-                many = [one for one in experiments if entry_of(one).many_particles and one.id not in twins]
-                twins |= _side_by_side(lab, many, out / RUNS, settings, seeds, where, progress)
-            for experiment in experiments:
-                if experiment.id not in twins and not entry_of(experiment).needs_measurement(experiment):
-                    twins[experiment.id] = [run(experiment)]
+        wanted = [one for one in experiments if one.id not in twins and one.id not in without]
+        early = [one for one in wanted if not entry_of(one).needs_measurement(one)]
+        with measuring(experiments, out, workers, again=again) as pending:
+            run(early, {})
             measured = pending.results(progress)
         measured_after = time.perf_counter() - clock
         for experiment in experiments:
             _need_one(experiment, measured[experiment.id])
-            if experiment.id not in twins:
-                found = measured[experiment.id].measurements
-                twins[experiment.id] = [run(experiment, measurements=found)]
+        late = [one for one in wanted if one not in early]
+        for one in late:
+            filmed[one.id], seen[one.id] = as_seen(one, measured[one.id].measurements, settings["count"])
+        run([filmed[one.id] for one in late], measured)
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     seconds["measuring, beside early twins"] = measured_after
-    return measured, twins, seconds
+    return _Ran(measured, twins, without, filmed, seen, seconds)
 
 
 def _side_by_side(
@@ -223,8 +267,8 @@ def _side_by_side(
     seeds: range,
     where: Runner,
     progress: Progress,
-) -> dict[str, list[Twin]]:
-    """Twins of many particles by experiment, one for each seed; finished ones are kept in the store."""
+) -> tuple[dict[str, list[Twin]], dict[str, str]]:
+    """Twins of many particles by experiment, one for each seed, and why others failed; finished ones are kept."""
     options = {name: value for name, value in settings.items() if name != "threads"}  # each run has one
     names = {one.id: [f"{one.id}, seed {seed}" for seed in seeds] for one in experiments}
     runs = [
@@ -234,9 +278,14 @@ def _side_by_side(
     ]
     done = run_all(runs, store, runner=where, progress=progress)
     done.raise_faults()
-    for name, why in done.failures.items():
-        raise BadInput(f"the twin of {name}: {why}")
-    return {one.id: [twin_from(done.results[name]) for name in names[one.id]] for one in experiments}
+    twins, failed = {}, {}
+    for one in experiments:
+        finished = [twin_from(done.results[name]) for name in names[one.id] if name in done.results]
+        if finished:
+            twins[one.id] = finished
+        else:
+            failed[one.id] = f"the twin failed: {done.failures[names[one.id][0]].rstrip('.')}"
+    return twins, failed
 
 
 def _imported(
@@ -272,7 +321,7 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
     for outcome in comparison.outcomes:
         name, rig = outcome.experiment.id, outcome.experiment.rig_name
         for item in outcome.measurements:
-            source = _relative(item.source, comparison.lab.folder)
+            source = result_files.relative(item.source, comparison.lab.folder)
             rows += [result_files.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
         stated = outcome.experiment.measured
         rows += [result_files.observation(name, rig, "stated", comparison.lab.path.name, item) for item in stated]
@@ -294,7 +343,8 @@ def provenance(comparison: Comparison) -> dict[str, Any]:
         "seconds": {name: round(value, 3) for name, value in comparison.seconds.items()},
         "seed": comparison.seed,
         "inputs": [
-            {"file": _relative(path, lab.folder), "sha256": sha256(path)} for path in dict.fromkeys([lab.path, *media])
+            {"file": result_files.relative(path, lab.folder), "sha256": sha256(path)}
+            for path in dict.fromkeys([lab.path, *media])
         ],
         "model": {
             "materials": {name: asdict(material) for name, material in lab.model.materials.items()},
@@ -328,16 +378,6 @@ def _written(comparison: Comparison, out: Path, clock: float, progress: Progress
     result_files.write_together(out, contents)
     progress("writing the report", 1, 1)
     return comparison
-
-
-def _chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
-    if not only:
-        return lab.experiments
-    known = [experiment.id for experiment in lab.experiments]
-    for name in only:
-        if name not in known:
-            raise BadInput(f"{lab.path}: there is no experiment {name!r}; {suggestion(name, known)}.")
-    return tuple(experiment for experiment in lab.experiments if experiment.id in only)
 
 
 def _under(lab: Lab, model: Model) -> Lab:
@@ -405,15 +445,6 @@ def _need_takers(
             raise BadInput(f"{lab.path}: {what} ({', '.join(one.id for one in experiments)}); leave it out.")
 
 
-def _need_contacts(lab: Lab, experiment: Experiment) -> None:
-    """Raise `BadInput` before any work if the twin lacks a contact parameter."""
-    for a, b in experiment.contacts:
-        try:
-            lab.model.contact(a, b, entry_of(experiment).needs)
-        except BadInput as error:
-            raise BadInput(f"{lab.path}: the twin of {experiment.id} cannot be built: {error}") from None
-
-
 def _need_one(experiment: Experiment, measured: Measured) -> None:
     if measured.known:
         return
@@ -423,22 +454,28 @@ def _need_one(experiment: Experiment, measured: Measured) -> None:
     raise BadInput(f"{experiment.id}: {which} {verb}: {first.message}")
 
 
-def _outcome(experiment: Experiment, measured: Measured, twins: Sequence[Twin]) -> Outcome:
-    entry = entry_of(experiment)
+def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
+    entry, measured = entry_of(experiment), ran.measured[experiment.id]
+    twins = ran.twins.get(experiment.id, [])
+    sound = [twin for twin in twins if not twin.failed]
+    # the deck of another code states all settings
+    own = sound and not sound[0].settings.get("engine", {}).get("computed_by")
+    without = ran.without.get(experiment.id, "")
+    if twins and not sound:
+        without = f"the twin failed: {twins[0].failed}"
     rows = deviations(
         experiment.id,
         experiment.rig_name,
         measured.quantities,
-        [quantity for twin in twins for quantity in over_views(twin.evaluation.quantities)],
-        set_from=twins[0].set_from,
+        [quantity for twin in sound for quantity in over_views(twin.evaluation.quantities)],
+        set_from=sound[0].set_from if sound else {},
         run_name=entry.run_name,
+        without_twin=without,
+        assumed=entry.assumed(ran.filmed[experiment.id], count) if own else (),
+        seen=ran.seen[experiment.id],
+        scatter=partial(known_scatter, experiment),
     )
-    shapes = comparable(entry.curves(experiment, measured.measurements, twins))
-    return Outcome(experiment, measured.measurements, measured.failures, twins[0], rows, tuple(twins[1:]), shapes)
-
-
-def _relative(path: Path, folder: Path) -> str:
-    try:
-        return path.relative_to(folder).as_posix()
-    except ValueError:  # media may lie outside the lab folder
-        return str(path)
+    shapes = comparable(entry.curves(experiment, measured.measurements, sound)) if sound else ()
+    return Outcome(
+        experiment, measured.measurements, measured.failures, tuple(twins), rows, shapes, without_twin=without
+    )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.curve_overlays import Overlay
-from rigtwin.compare.deviation import MOMENTS, Deviation, group, key_of, over_views
+from rigtwin.compare.deviation import MOMENTS, Deviation, counted, group, key_of, over_views
 from rigtwin.compare.measure_repetitions import Failure, replaces
 from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
@@ -29,27 +29,31 @@ class Outcome:
     experiment: Experiment
     measurements: tuple[Measurement, ...]
     failures: tuple[Failure, ...]
-    twin: Twin
+    twins: tuple[Twin, ...]
+    """The runs of its twin, with different seeds; empty where it has none."""
     deviations: tuple[Deviation, ...]
-    more_runs: tuple[Twin, ...] = ()
-    """Further runs of a twin of many particles, with other seeds."""
     shapes: tuple[Overlay, ...] = ()
-
-    @property
-    def twins(self) -> tuple[Twin, ...]:
-        return (self.twin, *self.more_runs)
+    without_twin: str = ""
+    """Why no twin is compared: it lacks something, or it failed."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """All warnings of this experiment, each with the name of its file."""
         return (
+            *((f"measured without a twin: {self.without_twin}",) if self.without_twin else ()),
+            *_failed_runs(self),
             *(f"{file.name} is rejected in lab.toml: {why}" for file, why in self.experiment.rejected.items()),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
             *_replaced(self.experiment, self.measurements),
             *_against_stated(self.experiment, self.measurements),
-            *(f"twin: {warning}" for twin in self.twins for warning in (*twin.warnings, *twin.evaluation.warnings)),
+            *(
+                f"twin: {warning}"
+                for twin in self.twins
+                if not twin.failed
+                for warning in (*twin.warnings, *twin.evaluation.warnings)
+            ),
         )
 
 
@@ -71,6 +75,15 @@ class Comparison:
     def deviations(self) -> tuple[Deviation, ...]:
         return tuple(row for outcome in self.outcomes for row in outcome.deviations)
 
+    @property
+    def headline(self) -> str:
+        """How many rows have which verdict, in one sentence."""
+        number = len(self.outcomes)
+        compared = [row for row in self.deviations if row.z is not None and row.verdict != "set equal"]
+        without = [one.experiment.id for one in self.outcomes if one.without_twin]
+        lacking = f"; without a twin: {', '.join(without)}" if without else ""
+        return f"{number} experiment{'s' if number != 1 else ''}, {counted(compared)}{lacking}."
+
     def to_frame(self) -> pd.DataFrame:
         """Return the deviations as a table.
 
@@ -88,6 +101,7 @@ class Comparison:
         return {
             "title": self.lab.title,
             "lab": str(self.lab.path.resolve()),
+            "headline": self.headline,
             "deviations": [{**row.row(), "budget": row.budget} for row in self.deviations],
             "shapes": [shape.row(outcome.experiment.id) for outcome in self.outcomes for shape in outcome.shapes],
             "experiments": [_experiment_json(outcome) for outcome in self.outcomes],
@@ -106,8 +120,16 @@ def _experiment_json(outcome: Outcome) -> dict[str, Any]:
         "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
         "rejected": [{"file": str(file), "reason": why} for file, why in outcome.experiment.rejected.items()],
         "twins": [twin.to_json() for twin in outcome.twins],
+        **({"without_twin": outcome.without_twin} if outcome.without_twin else {}),
         "warnings": list(outcome.warnings),
     }
+
+
+def _failed_runs(outcome: Outcome) -> Iterator[str]:
+    """A warning for each run of a twin that failed, where others did not."""
+    for number, twin in enumerate(outcome.twins, start=1):
+        if twin.failed and not outcome.without_twin:
+            yield f"run {number} of the twin failed and is not compared: {twin.failed}"
 
 
 def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:

@@ -2,19 +2,20 @@
 
 Uncertainties follow the GUM (JCGM 100:2008): the mean of n repetitions has the scatter's standard error
 (type A, section 4.2), combined with the parts that all repetitions share, such as the scale (section 5.1.2).  A
-scatter known from two or three repetitions is itself uncertain: 95 % then span more than two standard uncertainties
-(annex G.4).
+scatter known from few repetitions is itself uncertain: 95 % then span more than two standard uncertainties (annex
+G.4).  The scatter of published repetitions is the prior of a lab's own (`rigtwin.lab.reference.repetition_scatter`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
 from typing import Any
 
 from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
+from rigtwin.lab.reference.repetition_scatter import Scatter
 
 # Details that distinguish quantities of the same name; other details (a frame number, a speed) only describe.
 IDENTITY = ("bounce", "collision", "body", "side")
@@ -52,8 +53,13 @@ MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "reboun
 # Times on the clock of the film; they depend on the start of the camera and have no counterpart in the twin.
 MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
-# [%]: if two standard uncertainties of a deviation exceed this, a twin that is wrong by half would agree, too.
-UNINFORMATIVE = 50.0
+# [%]: if the 95 % interval of a deviation is wider on each side, a twin that is wrong by as much would agree, too.
+UNINFORMATIVE = 25.0
+
+# Probability of a difference that is called one without "probably".  With one repetition and the published scatter 90 %
+# of the twins that are wrong by 30 % or more are called different, and 3 % of those that are right
+# (benchmarks/compare/verdict_rates.py).
+SURE = 0.975
 
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 
@@ -78,6 +84,10 @@ class Combined:
     """Effective degrees of freedom of `std_uncertainty` (GUM eq. G.2b)."""
     stated: bool = False
     """Whether lab.toml states it."""
+    scatter: float | None = None
+    """Relative standard deviation of a single repetition, where a prior of it was used."""
+    prior: Scatter | None = None
+    """The prior, where it weighs more than the own repetitions."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +117,13 @@ class Deviation:
     coverage_factor: float | None
     """Standard uncertainties of the difference that span 95 %: 1.96, more with few repetitions.
 
-    Infinite with a single repetition, whose scatter is unknown.
+    Infinite with a single repetition whose scatter is unknown.
     """
     verdict: str
+    scatter: float | None = None
+    """Relative standard deviation from repetition to repetition, where that of published ones was used."""
+    scatter_from: str = ""
+    """Where that scatter comes from."""
     doubtful: str = ""
     note: str = ""
     budget: dict[str, float] = field(default_factory=dict)
@@ -135,7 +149,7 @@ def key_of(quantity: Quantity) -> Key:
     return quantity.quantity, quantity.method, quantity.unit, identity
 
 
-def combine(repetitions: Sequence[Quantity]) -> Combined:
+def combine(repetitions: Sequence[Quantity], prior: Scatter | None = None) -> Combined:
     """Mean of repetitions with its standard uncertainty.
 
     Parameters
@@ -143,6 +157,8 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
     repetitions : sequence of Quantity
         At least one value of the same quantity, all in one unit.  Doubtful ones are left out if sound ones remain.  A
         stated one is the mean of `Quantity.n` repetitions already and stands alone.
+    prior : Scatter, optional
+        What is known of the scatter beforehand.
 
     Returns
     -------
@@ -153,11 +169,14 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
     -----
     The variance of the mean is ``max(s, u)**2 / n + sum(c**2)`` with the sample standard deviation s of the n
     repetitions, the root mean square u of their own random parts, and the shared parts c.  The own random parts are a
-    lower limit, because a few repetitions may agree by chance.
+    lower limit, because a few repetitions may agree by chance.  With a prior of s0 and d0 degrees of freedom, s**2 is
+    ``(d0 * s0**2 + (n - 1) * s**2) / (d0 + n - 1)``, with d0 + n - 1 degrees of freedom: the mean is then distributed
+    as Student's t.
 
     References
     ----------
     JCGM 100:2008 (GUM), sections 4.2 and 5.1.2, equation G.2b.
+    A. Gelman et al., Bayesian Data Analysis, 3rd ed. (2013), section 2.6.
 
     Examples
     --------
@@ -167,7 +186,7 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
     (100.0, 1.0, 3)
     """
     if repetitions[0].stated:
-        return _stated(repetitions[0])
+        return _stated(repetitions[0], prior)
     sound = [repetition for repetition in repetitions if not repetition.doubtful]
     used = sound or list(repetitions)
     n = len(used)
@@ -178,9 +197,9 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
         for name in dict.fromkeys(name for _, parts in split for name in parts)
     }
     own = math.sqrt(fmean(random**2 for random, _ in split))
-    scatter = stdev(values) if n > 1 else own
+    scatter, freedom = _pooled(stdev(values) if n > 1 else own, n, fmean(values), prior)
     random = max(scatter, own) / math.sqrt(n)
-    budget = {"repetition" if n > 1 else "random": random, **shared}
+    budget = {"repetition" if n > 1 or scatter > own else "random": random, **shared}
     budget = {name: part for name, part in budget.items() if part > 0}
     std_uncertainty = root_sum_of_squares(budget)
     return Combined(
@@ -192,20 +211,46 @@ def combine(repetitions: Sequence[Quantity]) -> Combined:
         budget=budget,
         doubtful="" if sound else "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions)),
         left_out=len(repetitions) - n,
-        freedom=_freedom([(random, n - 1 if scatter > own else math.inf)], std_uncertainty),
+        freedom=_freedom([(random, freedom if scatter > own else math.inf)], std_uncertainty),
+        **_known_beforehand(scatter, n, fmean(values), prior),
     )
 
 
-def _stated(mean: Quantity) -> Combined:
+def _pooled(std: float, n: int, mean: float, prior: Scatter | None) -> tuple[float, float]:
+    """Standard deviation of a repetition and its degrees of freedom, from n repetitions and a prior."""
+    if prior is None:
+        return std, n - 1
+    before = prior.relative * abs(mean)
+    if math.isinf(prior.freedom):
+        return before, math.inf
+    freedom = prior.freedom + n - 1
+    return math.sqrt((prior.freedom * before**2 + (n - 1) * std**2) / freedom), freedom
+
+
+def _known_beforehand(std: float, n: int, mean: float, prior: Scatter | None) -> dict[str, Any]:
+    if prior is None:
+        return {}
+    if mean == 0:
+        return {"scatter": 0.0}
+    return {"scatter": std / abs(mean), "prior": prior if n - 1 < prior.freedom else None}
+
+
+def _stated(mean: Quantity, prior: Scatter | None) -> Combined:
+    std = mean.std_uncertainty * math.sqrt(mean.n)
+    scatter, freedom = _pooled(std, mean.n, mean.value, prior)
+    random = scatter / math.sqrt(mean.n) if mean.n > 1 else math.hypot(mean.std_uncertainty, scatter)
+    if prior is None:
+        random = mean.std_uncertainty
     return Combined(
         value=mean.value,
-        std=mean.std_uncertainty * math.sqrt(mean.n),
+        std=std,
         n=mean.n,
-        std_uncertainty=mean.std_uncertainty,
+        std_uncertainty=random,
         unit=mean.unit,
-        budget=mean.budget,
-        freedom=mean.n - 1 if mean.n > 1 else math.inf,
+        budget=mean.budget if prior is None else {"repetition": random},
+        freedom=_freedom([(scatter / math.sqrt(mean.n), freedom)], random) if prior or mean.n > 1 else math.inf,
         stated=True,
+        **_known_beforehand(scatter, mean.n, mean.value, prior),
     )
 
 
@@ -269,6 +314,10 @@ def deviations(
     *,
     set_from: dict[str, str] | None = None,
     run_name: str = "",
+    without_twin: str = "",
+    assumed: Sequence[str] = (),
+    seen: str = "",
+    scatter: Callable[[str], Scatter] | None = None,
 ) -> tuple[Deviation, ...]:
     """Compare each measured quantity with that of the twin.
 
@@ -288,6 +337,15 @@ def deviations(
     run_name : str
         Name of one run of the twin ("heap") if runs differ from seed to seed by an amount that one run cannot show;
         empty if they do not.
+    without_twin : str
+        Why there is no twin.
+    assumed : sequence of str
+        Settings of the twin that are neither stated nor measured.
+    seen : str
+        Settings that the twin takes from the media.
+    scatter : callable, optional
+        Returns for the name of a quantity what is known beforehand of its scatter from repetition to repetition, and
+        from run to run of a twin with a `run_name`.
 
     Returns
     -------
@@ -296,20 +354,29 @@ def deviations(
 
     Notes
     -----
-    z is the difference over its standard uncertainty.  The two agree if abs(z) < 2; with few repetitions the coverage
-    factor of Student's t with the effective degrees of freedom applies.
+    z is the difference over its standard uncertainty.  The two differ if abs(z) exceeds the coverage factor of
+    Student's t with the effective degrees of freedom, "probably" below the factor of `SURE`.  Those that do not differ
+    agree if the 95 % interval of the deviation lies within `UNINFORMATIVE`.
 
     References
     ----------
     JCGM 100:2008 (GUM), annex G.4.
     """
-    twins = {key: combine(group_) for key, group_ in group(simulated).items()}
-    rows = {key: combine(repetitions) for key, repetitions in group(measured).items() if key[0] not in MOMENTS}
+    given = set_from or {}
+
+    def prior(name: str) -> Scatter | None:
+        return None if scatter is None or name in given else scatter(name)
+
+    twins = {key: combine(ones, prior(key[0]) if run_name else None) for key, ones in group(simulated).items()}
+    rows = {key: combine(ones, prior(key[0])) for key, ones in group(measured).items() if key[0] not in MOMENTS}
     found = []
     for key, row in rows.items():
         other = _counterpart(key, rows, twins)
-        handed = (set_from or {}).get(key[0], "")
-        one = _deviation(experiment, rig, key, row, None if other is None else twins[other], handed, run_name)
+        twin = None if other is None else twins[other]
+        one = _deviation(experiment, rig, key, row, twin, given.get(key[0], ""), run_name, without_twin)
+        about = [f"the twin takes from the media {seen}"] if seen and other is not None else []
+        about += [f"the twin assumes {', '.join(assumed)}"] if assumed and other is not None else []
+        one = replace(one, note="; ".join(filter(None, (one.note, *about))))
         if other is not None and other != key:
             one = replace(one, note="; ".join(filter(None, (one.note, f"the twin's method: {other[1]}"))))
         found.append(one)
@@ -330,6 +397,26 @@ def _counterpart(key: Key, rows: Iterable[Key], twins: Iterable[Key]) -> Key | N
 def headlines(rows: Iterable[Deviation]) -> list[Deviation]:
     """The main results: those of each rig from the first bounce or collision and over both sides."""
     return _first_of(rows, RESULTS)
+
+
+def counted(rows: Sequence[Deviation]) -> str:
+    """How many rows have which verdict, in words.
+
+    >>> counted([])
+    '0 quantities measured and simulated'
+    """
+    kinds = {
+        "differ": ("twin too",),
+        "probably differ": ("twin probably",),
+        "agree within their uncertainty": ("agrees",),
+        "have too few repetitions to tell": ("too few",),
+        "are too uncertain to tell": ("too uncertain",),
+        "are doubtful": ("doubtful",),
+        "differ from the setting": ("differs from",),
+    }
+    numbers = {words: sum(row.verdict.startswith(verdicts) for row in rows) for words, verdicts in kinds.items()}
+    parts = [f"{number} {words}" for words, number in numbers.items() if number]
+    return f"{len(rows)} quantities measured and simulated" + (f": {', '.join(parts)}" if parts else "")
 
 
 def primary_first(rows: Sequence[Deviation]) -> tuple[list[Deviation], list[Deviation]]:
@@ -412,6 +499,7 @@ def _deviation(
     simulated: Combined | None,
     set_from: str,
     run_name: str,
+    without_twin: str,
 ) -> Deviation:
     name, method, unit, identity = key
     detail = dict(identity)
@@ -427,7 +515,7 @@ def _deviation(
         parts = ((one.std_uncertainty, one.freedom) for one in (measured, simulated))
         freedom = _freedom(parts, total)
         if _lone(run_name, measured, simulated) and not set_from:
-            # the scatter of one repetition has no degrees of freedom, so any difference may be chance
+            # the scatter of one repetition has no degrees of freedom, so any difference may be chance, without a prior
             freedom = 0.0
     reasons = [measured.doubtful] if measured.doubtful else []
     if simulated is not None and simulated.doubtful:
@@ -454,9 +542,11 @@ def _deviation(
         percent_deviation_std=None if percent is None else percent[1],
         z=z,
         coverage_factor=None if z is None else _coverage(freedom, 0.95),
-        verdict=_verdict(simulated, z, freedom, percent, doubtful=bool(reasons), given=bool(set_from)),
+        verdict=_verdict(measured, simulated, z, freedom, percent, doubtful=bool(reasons), given=bool(set_from)),
+        scatter=measured.scatter,
+        scatter_from="" if measured.prior is None else measured.prior.source,
         doubtful="; ".join(reasons),
-        note=_note(run_name, measured, simulated, set_from),
+        note=_note(run_name, measured, simulated, set_from, without_twin),
         budget=measured.budget,
     )
 
@@ -501,6 +591,7 @@ def _coverage(freedom: float, probability: float) -> float:
 
 
 def _verdict(
+    measured: Combined,
     simulated: Combined | None,
     z: float | None,
     freedom: float,
@@ -517,28 +608,53 @@ def _verdict(
         return "doubtful"
     if z is None:
         return "uncertainty unknown"
-    if abs(z) < 2:
-        vague = percent is not None and 2 * percent[1] > UNINFORMATIVE
-        return "too uncertain to tell" if vague else "agrees"
-    if abs(z) < _coverage(freedom, 0.95):
+    span = max(2.0, _coverage(freedom, 0.95))
+    if abs(z) >= span:
+        certainty = "probably " if abs(z) < _coverage(freedom, SURE) else ""
+        return f"twin {certainty}too {'high' if z > 0 else 'low'}"
+    half = (span if math.isfinite(span) else 2.0) * (0.0 if percent is None else percent[1])  # [%]
+    if half <= UNINFORMATIVE and (abs(z) < 2 or math.isfinite(span)):
+        return "agrees"
+    # what more repetitions would leave
+    if percent is None or abs(z) >= 2:
         return "too few repetitions to tell"
-    certainty = "probably " if abs(z) < _coverage(freedom, 0.997) else ""
-    return f"twin {certainty}too {'high' if z > 0 else 'low'}"
+    shared = math.hypot(*(_shared(one) for one in (measured, simulated))) / abs(measured.value)
+    return "too few repetitions to tell" if 200 * shared <= UNINFORMATIVE else "too uncertain to tell"
+
+
+def _shared(one: Combined) -> float:
+    """The part of the standard uncertainty that does not average out over repetitions."""
+    averaged = max((one.budget.get(name, 0.0) for name in ("repetition", "random")), default=0.0)
+    return math.sqrt(max(one.std_uncertainty**2 - averaged**2, 0.0))
 
 
 def _lone(run_name: str, measured: Combined, simulated: Combined) -> list[str]:
-    """The sides with a single repetition, where repetitions differ."""
-    single = {"measured": measured.n == 1, "simulated": simulated.n == 1 and run_name != ""}
+    """The sides with a single repetition, where repetitions differ and nothing is known of their scatter."""
+    single = {
+        "measured": measured.n == 1 and measured.scatter is None,
+        "simulated": simulated.n == 1 and run_name != "" and simulated.scatter is None,
+    }
     return [side for side, alone in single.items() if alone]
 
 
-def _note(run_name: str, measured: Combined, simulated: Combined | None, set_from: str) -> str:
+def _note(run_name: str, measured: Combined, simulated: Combined | None, set_from: str, without_twin: str) -> str:
     notes = ["the measured value is stated in lab.toml"] if measured.stated else []
     if simulated is None:
-        notes.append("the twin gives no such number")
+        notes.append(f"no twin: {without_twin}" if without_twin else "the twin gives no such number")
     if simulated is not None and not set_from and (lone := _lone(run_name, measured, simulated)):
         what = run_name or "repetition"
         notes.append(f"one {what} {' and one '.join(lone)}: the scatter of {what}s is not in the uncertainty")
+    sides = (("measured", measured, ""), ("simulated", simulated, run_name))
+    few = [
+        f"{one.n} {name} {what or 'repetition'}{'s' if one.n > 1 else ''}"
+        for name, one, what in sides
+        if one is not None and one.prior is not None
+    ]
+    if few and simulated is not None and measured.prior is not None and measured.scatter is not None:
+        notes.append(
+            f"{' and '.join(few)}: a scatter of {100 * measured.scatter:.2g} % is in the uncertainty "
+            f"({measured.prior.source})"
+        )
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:

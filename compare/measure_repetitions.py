@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare.deviation import key_of, over_views
+from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
@@ -76,18 +77,32 @@ def measure_repetition(
 
 
 @contextmanager
-def measuring(experiments: Sequence[Experiment], out: Path, workers: int | None = None) -> Iterator[Pending]:
-    """Start measuring all repetitions; the block may do other work before it calls `Pending.results`."""
+def measuring(
+    experiments: Sequence[Experiment], out: Path, workers: int | None = None, *, again: bool = False
+) -> Iterator[Pending]:
+    """Start measuring all repetitions; the block may do other work before it calls `Pending.results`.
+
+    Measurements that are kept in `out` are taken from there, unless all are to be measured `again`.
+    """
     jobs = [
         (experiment, views, folder)
         for experiment, place in zip(experiments, folders(experiments), strict=True)
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
-    with spawned(len(jobs), workers, work="measured a repetition", less="give shorter clips or smaller photos") as pool:
-        # the views of a pile are one long job: start it first, so that the others run beside it
-        longest_first = sorted(range(len(jobs)), key=lambda k: -len(jobs[k][1]))
-        started = {k: pool.submit(measure_repetition, *jobs[k]) for k in longest_first}
-        yield Pending(experiments, [(jobs[k][0].id, started[k]) for k in range(len(jobs))])
+    kept = KeptMeasurements(out, again=again)
+    keys = [kept.key(experiment, views, known(experiment)) for experiment, views, _ in jobs]
+    before = {k: kept.find(keys[k], jobs[k][1]) for k in range(len(jobs))}
+    # the views of a pile are one long job: start it first, so that the others run beside it
+    new = sorted((k for k, found in before.items() if found is None), key=lambda k: -len(jobs[k][1]))
+    work, less = "measured a repetition", "give shorter clips or smaller photos"
+    with spawned(len(new), workers, work=work, less=less) as pool:
+        started = {pool.submit(measure_repetition, *jobs[k]): k for k in new}
+        done = {
+            k: Failure(jobs[k][1][0], found) if isinstance(found, str) else found
+            for k, found in before.items()
+            if found is not None
+        }
+        yield Pending(experiments, [job[0].id for job in jobs], done, started, kept, keys)
 
 
 @dataclass(frozen=True)
@@ -95,20 +110,32 @@ class Pending:
     """Measurements under way."""
 
     experiments: Sequence[Experiment]
-    jobs: list[tuple[str, Future[Measurement | Failure]]]
+    names: Sequence[str]
+    """Name of the experiment of each repetition."""
+    before: Mapping[int, Measurement | Failure]
+    """Results that were kept, by the number of the repetition."""
+    started: Mapping[Future[Measurement | Failure], int]
+    """Numbers of the repetitions that are measured."""
+    kept: KeptMeasurements
+    keys: Sequence[str]
 
     def results(self, progress: Progress = silent) -> Mapping[str, Measured]:
         """Wait for all measurements; by experiment, with the repetitions in the order of the lab file."""
-        found: dict[str, list[Measurement | Failure]] = {experiment.id: [] for experiment in self.experiments}
-        for done, (name, job) in enumerate(self.jobs):
-            progress("measuring repetitions", done, len(self.jobs))
-            found[name].append(job.result())
-        progress("measuring repetitions", len(self.jobs), len(self.jobs))
+        done = dict(self.before)
+        for job in as_completed(self.started):
+            progress("measuring repetitions", len(done), len(self.names))
+            number = self.started[job]
+            found = done[number] = job.result()
+            self.kept.keep(self.keys[number], found.message if isinstance(found, Failure) else found)
+        progress("measuring repetitions", len(self.names), len(self.names))
+        mine: dict[str, list[Measurement | Failure]] = {experiment.id: [] for experiment in self.experiments}
+        for number, name in enumerate(self.names):
+            mine[name].append(done[number])
         return {
             experiment.id: Measured(
                 experiment,
-                tuple(result for result in found[experiment.id] if isinstance(result, Measurement)),
-                tuple(result for result in found[experiment.id] if isinstance(result, Failure)),
+                tuple(result for result in mine[experiment.id] if isinstance(result, Measurement)),
+                tuple(result for result in mine[experiment.id] if isinstance(result, Failure)),
             )
             for experiment in self.experiments
         }

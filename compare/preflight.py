@@ -7,44 +7,93 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.lab_file import Experiment, Lab, fault
+from rigtwin.lab.errors import BadInput, TwinLacks
+from rigtwin.lab.file.lab_file import Experiment, Fault, Lab, faulty
+from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.tracked.table import is_table
 
 OPTION = re.compile(r"--(region|known-length|start|end|exclude|frame-rate)\b")
 """Options of `measure` in its messages; a lab file has them as keys of ``[experiments.camera]``."""
 
 
-def need_possible(lab: Lab, experiment: Experiment, *, count: int | None) -> None:
-    """Check that a repetition of the experiment fits its camera settings and that its twin can be run.
+def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None) -> dict[str, str]:
+    """Check that a repetition of each experiment fits its camera settings and that its twin can be run.
 
-    Raises `BadLabFile`, or `BadInput` for a `count` that the twin cannot have.
+    Returns by experiment why its twin cannot be run because something is neither stated nor known.  Raises
+    `BadLabFile` with all that is wrong, or `BadInput` for a `count` that a twin cannot have.
     """
-    if experiment.rejected and not (experiment.repetitions or experiment.measured):
-        raise fault(lab, experiment, ("files",), "all repetitions are rejected; accept one of them.")
-    rate = _need_view(lab, experiment)
-    _need_start(lab, experiment)
-    try:
-        entry_of(experiment).check(experiment, model=lab.model, frame_rate=rate, count=count)
-    except BadInput as error:
-        name, colon, why = str(error).partition(": ")
-        if name == "count" and count is not None and entry_of(experiment).takes_count(experiment):
-            raise BadInput(f"--count: {experiment.id}: the twin cannot be run: {why}") from None
-        named = bool(colon) and name.isidentifier()
-        said = why if named else str(error)
-        raise fault(lab, experiment, (name,) if named else (), f"the twin cannot be run: {said}") from None
+    lacking: dict[str, str] = {}
+    faults: list[Fault] = []
+    for experiment in experiments:
+        if experiment.rejected and not (experiment.repetitions or experiment.measured):
+            faults.append(Fault(experiment, ("files",), "all repetitions are rejected; accept one of them."))
+            continue
+        rate = _frame_rate(experiment, faults)
+        try:
+            _need_known(lab, experiment)
+            entry_of(experiment).check(experiment, model=lab.model, frame_rate=rate, count=count)
+        except TwinLacks as error:
+            lacking[experiment.id] = str(error).rstrip(".")
+        except BadInput as error:
+            faults.append(_of_twin(experiment, error, count))
+    if faults:
+        raise faulty(lab, faults)
+    return lacking
 
 
-def _need_start(lab: Lab, experiment: Experiment) -> None:
-    """Check that the start of a twin is stated if there is no repetition from which it could be measured."""
+def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
+    """Raise `BadLabFile` with all experiments of which no repetition fits the camera settings."""
+    faults: list[Fault] = []
+    for experiment in experiments:
+        _frame_rate(experiment, faults)
+    if faults:
+        raise faulty(lab, faults)
+
+
+def _of_twin(experiment: Experiment, error: BadInput, count: int | None) -> Fault:
+    name, colon, why = str(error).partition(": ")
+    if name == "count" and count is not None and entry_of(experiment).takes_count(experiment):
+        raise BadInput(f"--count: {experiment.id}: the twin cannot be run: {why}") from None
+    named = bool(colon) and name.isidentifier()
+    return Fault(experiment, (name,) if named else (), f"the twin cannot be run: {why if named else error}")
+
+
+def _need_known(lab: Lab, experiment: Experiment) -> None:
+    """Raise `TwinLacks` with all parameters of contacts that are not known, or the start of a twin without media."""
     entry = entry_of(experiment)
+    gaps = []
+    for a, b in experiment.contacts:
+        if missing := lab.model.known_contact(a, b).missing(entry.needed(experiment)):
+            names = " and ".join(name.replace("_", " ") for name in missing)
+            gaps.append(f"{names} of the contact {a}-{b} (give it under [contacts.{a}-{b}])")
+    if gaps:
+        raise TwinLacks(f"it needs the {', and the '.join(gaps)}.")
     if experiment.repetitions or entry.starts_from is None or entry.stated_start(experiment) is not None:
         return
-    why = "this key is missing; the twin starts from it, and there are no repetitions from which it could be measured."
-    raise fault(lab, experiment, (entry.starts_from,), why)
+    raise TwinLacks(
+        f"it starts from the {entry.starts_from.replace('_', ' ')}, which is not stated, and there are no repetitions; "
+        f"add {entry.starts_from} to the experiment."
+    )
 
 
-def _need_view(lab: Lab, experiment: Experiment) -> float | None:
+def _frame_rate(experiment: Experiment, faults: list[Fault]) -> float | None:
+    """Frame rate [1/s] of the experiment, if it is known; what of its media does not fit is added to `faults`."""
+    try:
+        return _need_view(experiment)
+    except Misfit as misfit:
+        faults.append(Fault(experiment, misfit.key, misfit.why))
+        return None
+
+
+class Misfit(Exception):
+    """Camera settings and media that do not fit each other."""
+
+    def __init__(self, key: Key, why: str) -> None:
+        super().__init__(why)
+        self.key, self.why = key, why
+
+
+def _need_view(experiment: Experiment) -> float | None:
     """Check the camera settings against the media; returns the frame rate [1/s] if it is known.
 
     As in measuring, one repetition that fits is enough.  Media are opened only if needed, because a film must be read
@@ -68,12 +117,12 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     assert first is not None  # there are repetitions
     option = OPTION.search(str(first))
     if option is None:
-        raise fault(lab, experiment, ("repetitions",), str(first)) from None
+        raise Misfit(("repetitions",), str(first)) from None
     name = option[1].replace("-", "_")
     if name == "start" and camera.start is None:  # the message names both if the interval is too short
         name = "end"
     said = OPTION.sub(lambda found: found[1].replace("-", "_"), str(first))
-    raise fault(lab, experiment, ("camera", name), said) from None
+    raise Misfit(("camera", name), said) from None
 
 
 def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:

@@ -93,6 +93,14 @@ def observation(experiment: str, rig: str, origin: str, repetition: str, quantit
     }
 
 
+def relative(path: Path, folder: Path) -> str:
+    """A path as seen from `folder` where it lies in it, else as it is."""
+    try:
+        return path.relative_to(folder).as_posix()
+    except ValueError:
+        return str(path)
+
+
 def deviations_csv(rows: Iterable[Deviation]) -> str:
     """The text of ``deviations.csv``; an empty cell means "does not apply" or "unknown"."""
     return table([row.row() for row in rows], COLUMNS)

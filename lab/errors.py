@@ -11,6 +11,7 @@
         ├── BadLabFile           lab.toml: the message names file, key and line
         ├── UnreadableMedia      no such file, empty, not a video, not a picture
         ├── Claimed              another run writes into the same folder or checkpoint
+        ├── TwinLacks            a twin needs a contact or setting that is not known
         └── NothingToMeasure     the media is readable but shows no bead, no bounce, no pile
 """
 
@@ -90,7 +91,17 @@ class BadQuantity(BadInput):
 
 
 class BadLabFile(BadInput):
-    """A lab.toml with a missing key, an unknown key or a value that cannot be."""
+    """A lab.toml with missing keys, unknown keys or values that cannot be."""
+
+    def __init__(self, message: str = "", faults: Sequence[str] = ()) -> None:
+        """`faults` are the sentences on each of several faults; the text has them behind `message`."""
+        self.faults = tuple(faults)
+        self.headed = message
+        super().__init__(": ".join(filter(None, (message, " ".join(self.faults)))))
+
+
+class TwinLacks(BadInput):
+    """A contact parameter or a setting that a twin needs and that is neither stated nor measured."""
 
 
 class UnreadableMedia(BadInput):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rigtwin.lab.clumps import Clump
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, TwinLacks
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 AIR_DENSITY = 1.2  # [kg/m^3], dry air of 20 degrees C at 1 atm (CRC Handbook: 1.204)
@@ -192,7 +192,7 @@ class KnownContact:
         Raises `BadInput` naming the contact `name` and the first parameter that is needed and not known.
         """
         if gaps := self.missing(needs):
-            raise BadInput(f"the {gaps[0]} of the contact {name} is not known; give it under [contacts.{name}].")
+            raise TwinLacks(f"the {gaps[0]} of the contact {name} is not known; give it under [contacts.{name}].")
         return Contact(
             restitution=_first(self.restitution, 1.0),
             static_friction=_first(self.static_friction, 0.0),

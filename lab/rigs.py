@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
 
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import TwinLacks
 
 GRAVITY = 9.81  # [m/s^2]
 
@@ -312,5 +312,5 @@ def _stated(key: str, stated: float | None, measured: float | None) -> float:
     value = stated if stated is not None else measured
     if value is None:
         words = key.replace("_", " ")
-        raise BadInput(f"the {words} is neither stated nor measured; add {key} to the experiment in lab.toml.")
+        raise TwinLacks(f"the {words} is neither stated nor measured; add {key} to the experiment in lab.toml.")
     return value

@@ -7,5 +7,6 @@
 - `compared.py`: what the last `compare` found
 - `frames.py`: pictures of clips and photos, kept and decoded ahead
 - `remeasure.py`: measurements in the background, each done once for the same settings
+- `twin_in_step.py`: the twin of a film in the pixels and frames of its film
 - `static/`: the page itself, plain HTML, CSS and JavaScript modules
 """

@@ -7,10 +7,11 @@ import json
 import os
 import threading
 from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from starlette.applications import Starlette
 from starlette.background import BackgroundTask
@@ -22,8 +23,9 @@ from starlette.staticfiles import StaticFiles
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_edit import LabEdit
+from rigtwin.lab.quantity import Measurement
 from rigtwin.review.compared import result_file
-from rigtwin.review.described import OpenLab, kind_of, result_json
+from rigtwin.review.described import OpenLab, beside_json, has_twin_in_step, kind_of, result_json
 from rigtwin.review.frames import Pictures
 from rigtwin.review.remeasure import Remeasuring
 
@@ -36,6 +38,8 @@ REPORT_POLICY = (
 """For reports that earlier commands wrote: their styles stand in the page itself, scripts do not run."""
 
 LARGEST_REQUEST = 64 * 2**10  # [bytes], of a change
+
+Outcome = TypeVar("Outcome")
 
 Endpoint = Callable[[Request], Awaitable[Response]]
 
@@ -72,6 +76,7 @@ class Review:
                 Route("/api/set", self._answers(self.set), methods=["POST"]),
                 Route("/api/undo", self._answers(self.undo), methods=["POST"]),
                 Route(f"/api/result/{place}", self._answers(self.result)),
+                Route(f"/api/twin/{place}", self._answers(self.twin)),
                 Route(f"/api/media/{place}/{{view:int}}", self._answers(self.media)),
                 Route(f"/frame/{place}/{{view:int}}/{{index:int}}", self._answers(self.frame)),
                 Route("/results/{name:path}", self._answers(self.result_file)),
@@ -135,13 +140,22 @@ class Review:
         number, repetition = request.path_params["experiment"], request.path_params["repetition"]
         views = lab.measured_views(number, repetition)
         key, started = await run_in_threadpool(self.measuring.measured, lab.lab.experiments[number], views)
-        try:
-            done = await asyncio.shield(asyncio.wrap_future(started))
-        except asyncio.CancelledError:
-            if not started.cancelled():  # the server ends
-                raise
-            raise BadInput("was not measured, because other settings were asked for meanwhile.") from None
+        done = await _outcome(started)
         return JSONResponse(result_json(key, done, views, lab.views(number, repetition)))
+
+    async def twin(self, request: Request) -> Response:
+        """The twin of a measured repetition, as soon as it has run."""
+        lab = await run_in_threadpool(self.opened)
+        number, repetition = request.path_params["experiment"], request.path_params["repetition"]
+        views, experiment = lab.measured_views(number, repetition), lab.lab.experiments[number]
+        if not has_twin_in_step(experiment) or kind_of(experiment, views[0]) != "clip":
+            raise LookupError
+        _, started = await run_in_threadpool(self.measuring.measured, experiment, views)
+        measured = (await _outcome(started)).found
+        if not isinstance(measured, Measurement):
+            raise BadInput(f"{experiment.id}: there is no twin of what could not be measured.")
+        running = await run_in_threadpool(self.measuring.in_step, experiment, lab.lab.model, measured)
+        return JSONResponse(beside_json(await _outcome(running)))
 
     async def media(self, request: Request) -> Response:
         """Size and capture times of a clip or photo."""
@@ -205,6 +219,16 @@ class Review:
                 return JSONResponse({"error": said}, 500)
 
         return answer
+
+
+async def _outcome(started: Future[Outcome]) -> Outcome:
+    """Wait for what a process does."""
+    try:
+        return await asyncio.shield(asyncio.wrap_future(started))
+    except asyncio.CancelledError:
+        if not started.cancelled():  # the server ends
+            raise
+        raise BadInput("was not measured, because other settings were asked for meanwhile.") from None
 
 
 async def _page(_request: Request) -> Response:

@@ -53,13 +53,14 @@ def comparison(lab: Path) -> dict[str, Any]:
             return {}
         found = json.loads(file.read_text(encoding="utf-8"))["deviations"]
         rows: dict[str, list[dict[str, str]]] = {}
-        for name, row in map(_row, found):
+        for name, row in map(row_json, found):
             rows.setdefault(name, []).append(row)
         return {"rows": rows, "changed_since": lab.stat().st_mtime_ns > state.st_mtime_ns}
     return {}
 
 
-def _row(row: dict[str, Any]) -> tuple[str, dict[str, str]]:
+def row_json(row: dict[str, Any]) -> tuple[str, dict[str, str]]:
+    """A row of deviations.json as the page shows it, and the name of its experiment."""
     which = siblings({name: row[name] for name in ("bounce", "collision", "body", "side")})
     return str(row["experiment"]), {
         "title": title(row["quantity"]) + (which and f", {which}"),

@@ -14,12 +14,12 @@ from rigtwin.lab.errors import Mark
 from rigtwin.lab.file.lab_file import Experiment, Lab, lab_of
 from rigtwin.lab.file.schema import Document, FileEntry, LabFile, keys_of_camera, read_document, validated
 from rigtwin.lab.formatting import reading, siblings, title
+from rigtwin.lab.media_files import PICTURES
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.tracked.table import is_table
-from rigtwin.measure.media.photo import PHOTOS
 from rigtwin.measure.media.sound import is_sound
-from rigtwin.review.compared import comparison, result_files
-from rigtwin.review.remeasure import Remeasured
+from rigtwin.review.compared import comparison, result_files, row_json
+from rigtwin.review.remeasure import Beside, Remeasured
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,7 @@ class OpenLab:
                     "rig": one.rig_name,
                     "variant": getattr(one.rig, "variant", ""),
                     "particle": one.particle.name,
+                    "twin_in_step": has_twin_in_step(one),
                     "keys": sorted(keys_of_camera(one.rig_name)),
                     "common": sorted(entry.camera.model_fields_set),
                     "repetitions": [
@@ -78,8 +79,14 @@ def kind_of(experiment: Experiment, view: Path) -> str:
         return "table"
     if is_sound(view):
         return "sound"
-    photo = entry_of(experiment).is_photo(view) or (experiment.rig_name == "drum" and view.suffix.lower() in PHOTOS)
+    photo = entry_of(experiment).is_photo(view) or (experiment.rig_name == "drum" and view.suffix.lower() in PICTURES)
     return "photo" if photo else "clip"
+
+
+def has_twin_in_step(experiment: Experiment) -> bool:
+    """Whether the twin moves as the bodies in the film do: it starts from where they were seen to start."""
+    entry = entry_of(experiment)
+    return not entry.many_particles and entry.starts_from is not None
 
 
 def _view_json(experiment: Experiment, view: Path, name: str, file: FileEntry | None) -> dict[str, Any]:
@@ -118,6 +125,15 @@ def result_json(key: str, done: Remeasured, measured: Sequence[Path], shown: Seq
         "warnings": list(found.warnings),
         "scale": _scale_in_words(found.camera),
         "marks": [_mark_json(mark, shown.index(measured[mark.view])) for mark in found.marks],
+    }
+
+
+def beside_json(found: Beside) -> dict[str, Any]:
+    """A repetition beside its twin."""
+    return {
+        "rows": [row_json(row.row())[1] for row in found.rows],
+        "marks": [_mark_json(mark, 0) for mark in found.marks],
+        "refused": found.refused,
     }
 
 

@@ -19,11 +19,16 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
+from rigtwin.compare.twins.matched import twin_of
 from rigtwin.compare.worker_processes import Workers
 from rigtwin.lab.arrays import Image
+from rigtwin.lab.errors import Mark, RigtwinError
 from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.quantity import Measurement
+from rigtwin.review.twin_in_step import twin_marks
 
 AT_ONCE = 2  # processes: while one is stopped and started again, the other one measures with the new settings
 KEPT = 64  # results
@@ -44,6 +49,15 @@ class Remeasured:
     """Whether the system ended the process that measured."""
 
 
+@dataclass(frozen=True)
+class Beside:
+    """A repetition beside its twin."""
+
+    rows: tuple[Deviation, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    refused: str = ""
+
+
 class Remeasuring:
     """Measurements of the repetitions of a lab.
 
@@ -52,6 +66,7 @@ class Remeasuring:
 
     def __init__(self) -> None:
         self._results: OrderedDict[str, Future[Remeasured]] = OrderedDict()
+        self._twins: OrderedDict[str, Future[Beside]] = OrderedDict()
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(AT_ONCE)]
 
@@ -75,11 +90,38 @@ class Remeasuring:
         key = _key(experiment, views)
         with self._lock:
             if not _useful(self._results.get(key)):
-                self._results[key] = self._started(experiment, tuple(views))
+                shown = tuple(views)
+                self._results[key] = self._chosen(shown).start(shown, _measure, experiment, shown)
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
             self._results.move_to_end(key)
             return key, self._results[key]
+
+    def in_step(self, experiment: Experiment, model: Model, measurement: Measurement) -> Future[Beside]:
+        """Run the twin of a filmed repetition that was measured.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            One whose twin has few bodies and starts from what was measured.
+        model : Model
+            Contacts and effects of the twin.
+        measurement : Measurement
+            What the film gave.
+
+        Returns
+        -------
+        Future of Beside
+            The result; cancelled if other settings are asked for meanwhile.
+        """
+        views = (measurement.source,)
+        key = f"{_key(experiment, views)} {hashlib.sha256(pickle.dumps(model)).hexdigest()}"
+        with self._lock:
+            if key not in self._twins or self._twins[key].cancelled():
+                self._twins[key] = self._chosen(views).start(views, _simulate, experiment, model, measurement)
+                while len(self._twins) > KEPT:
+                    self._twins.popitem(last=False)
+            return self._twins[key]
 
     def warm_up(self) -> None:
         """Start the processes, which load their libraries meanwhile."""
@@ -93,7 +135,8 @@ class Remeasuring:
             for slot in self._slots:
                 slot.stop()
 
-    def _started(self, experiment: Experiment, views: tuple[Path, ...]) -> Future[Remeasured]:
+    def _chosen(self, views: tuple[Path, ...]) -> _Slot:
+        """The process that is to work on these media; what works on them with other settings is stopped."""
         for slot in self._slots:
             if slot.busy and slot.views == views:
                 slot.renew()
@@ -105,7 +148,7 @@ class Remeasuring:
             chosen.renew()
         self._slots.remove(chosen)
         self._slots.append(chosen)  # the one that was asked first stands first
-        return chosen.start(experiment, views)
+        return chosen
 
 
 class _Slot:
@@ -113,7 +156,7 @@ class _Slot:
 
     def __init__(self) -> None:
         self.views: tuple[Path, ...] = ()
-        self._promised: Future[Remeasured] = Future()
+        self._promised: Future[Any] = Future()
         self._promised.cancel()
         self._workers: Workers | None = None
         self._loading: Future[None] = Future()
@@ -128,15 +171,16 @@ class _Slot:
         """Whether the process has loaded its libraries."""
         return self._loading.done()
 
-    def start(self, experiment: Experiment, views: tuple[Path, ...]) -> Future[Remeasured]:
+    def start(self, views: tuple[Path, ...], work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """Let the process do some work on these media."""
         self.views = views
         workers = self.begin()
         try:
-            job = workers.submit(_measure, experiment, views)
+            job = workers.submit(work, *arguments)
         except BrokenProcessPool:  # the process was ended by the system meanwhile
             self.stop()
-            job = self.begin().submit(_measure, experiment, views)
-        promised: Future[Remeasured] = Future()
+            job = self.begin().submit(work, *arguments)
+        promised: Future[Any] = Future()
         self._promised = promised
         job.add_done_callback(lambda done: _hand_on(done, promised, views))
         return promised
@@ -173,7 +217,7 @@ def _useful(known: Future[Remeasured] | None) -> bool:
     return not known.done() or (known.exception() is None and not known.result().ended)
 
 
-def _hand_on(done: Future[Remeasured], promised: Future[Remeasured], views: tuple[Path, ...]) -> None:
+def _hand_on(done: Future[Any], promised: Future[Any], views: tuple[Path, ...]) -> None:
     if promised.cancelled():
         return
     with suppress(Exception):  # cancelled just now
@@ -192,6 +236,25 @@ def _measure(experiment: Experiment, views: tuple[Path, ...]) -> Remeasured:
     more = {"observe_each": _remembering(experiment.rig_name)} if experiment.rig.several_views else {}
     found = measure_repetition(experiment, views, None, **more)
     return Remeasured(found, time.perf_counter() - begun)
+
+
+def _simulate(experiment: Experiment, model: Model, measurement: Measurement) -> Beside:
+    from rigtwin.measure.geometry.calibration_board import straightened
+    from rigtwin.measure.media.video import open_video
+
+    try:
+        twin = twin_of(experiment, model=model, measurements=[measurement])
+        video = open_video(measurement.source, straightened(experiment.camera_of(measurement.source)))
+    except RigtwinError as error:
+        return Beside(refused=str(error))
+    rows = deviations(
+        experiment.id,
+        experiment.rig_name,
+        measurement.quantities,
+        list(twin.evaluation.quantities),
+        set_from=twin.set_from,
+    )
+    return Beside(tuple(rows), twin_marks(measurement, twin.tracks, video.times))
 
 
 @cache

@@ -56,6 +56,8 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 class AtOnce(Executor):
     """Does each job where it is submitted."""
 
+    size = 1
+
     def submit(self, job: Callable[..., Any], /, *arguments: Any, **settings: Any) -> Future[Any]:
         done: Future[Any] = Future()
         try:

@@ -34,6 +34,7 @@ from rigtwin.compare.campaign.vary import (
 from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import Measured, measuring
 from rigtwin.compare.report.fill_template import filled
+from rigtwin.compare.twins.matched import as_seen
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
@@ -121,9 +122,12 @@ def calibrate(
     with measuring(lab.experiments, out, workers) as pending:
         measured = pending.results(progress)
     options = {"count": count, "rolling": rolling}
+    seen = {one.id: as_seen(one, measured[one.id].measurements, count) for one in lab.experiments}
     return calibrate_lab(
-        lab, measured, out, progress, fit=fit, hold_out=hold_out, budget=budget, seed=seed, options=options,
+        replace(lab, experiments=tuple(one for one, _ in seen.values())),
+        measured, out, progress, fit=fit, hold_out=hold_out, budget=budget, seed=seed, options=options,
         workers=workers, cluster=cluster,
+        remarks=[f"{name}: its twins take from the media {said}" for name, (_, said) in seen.items() if said],
     )  # fmt: skip
 
 
@@ -141,6 +145,7 @@ def calibrate_lab(
     reading: Mapping[str, float] | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    remarks: Sequence[str] = (),
 ) -> Calibration:
     """Calibrate parameters on measurements that are there already.
 
@@ -156,6 +161,8 @@ def calibrate_lab(
         Keywords of `rigtwin.compare.campaign.twin_runs.twin_run`.
     reading : mapping of str to float, optional
         For quantities the standard uncertainty of the convention by which they were read, in their unit.
+    remarks : sequence of str
+        What is reported beside what was left out.
 
     Returns
     -------
@@ -176,7 +183,8 @@ def calibrate_lab(
         raise BadInput(
             f"{lab.path}: nothing that the twins give was measured in {', '.join(one.id for one in fitted)}."
         )
-    left_out = [
+    left_out = [*remarks]
+    left_out += [
         f"{one.id} was not fitted: nothing that its twin gives was measured" for one in fitted if not targets[one.id]
     ]
     left_out += [

@@ -105,7 +105,7 @@ def stated_setting(
     material = None if wall is None else by_name.wall(wall, model)
     experiment = Experiment(rig, entry.settings(), bead, material, Camera(), ())
     for names in experiment.contacts:
-        known = by_name.contact(*names, model, entry_of(experiment).needs)
+        known = by_name.contact(*names, model, entry_of(experiment).needed(experiment))
         model = model.with_contact(
             *names,
             restitution=known.restitution,
@@ -157,7 +157,8 @@ def lab_setting(folder: Path, only: str | None, *, allow_outside: bool = False) 
     if only is None and len(known) > 1:
         raise BadInput(f"{lab.path}: has several experiments; name one with --only ({', '.join(known)}).")
     experiment = known[only] if only is not None else lab.experiments[0]
-    if entry_of(experiment).needs_measurement(experiment):
+    entry = entry_of(experiment)
+    if entry.needs_measurement(experiment) and not entry.many_particles:
         raise BadInput(f"{experiment.id}: its twin starts from the measurement; state the start in lab.toml.")
     return lab, Setting(experiment, lab.model)
 
@@ -269,7 +270,7 @@ def _checked(setting: Setting, point: Point, count: int | None) -> Setting:
     entry = entry_of(moved.experiment)
     try:
         for names in moved.experiment.contacts:
-            moved.model.contact(*names, entry.needs)
+            moved.model.contact(*names, entry.needed(moved.experiment))
         filled = count or 1 if entry.many_particles and not entry.takes_count(moved.experiment) else count
         entry.check(moved.experiment, model=moved.model, frame_rate=None, count=filled)
     except BadInput as error:

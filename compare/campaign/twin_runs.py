@@ -66,7 +66,7 @@ def twin_run(
         Its result has ``quantities``, ``checks``, ``warnings``, ``settings``, ``profile_N_x``, ``profile_N_height``,
         ``profile_N_sigma`` [m] and, for each series, ``QUANTITY_time`` [s] and ``QUANTITY_value``.
     """
-    needs = entry_of(experiment).needs
+    needs = entry_of(experiment).needed(experiment)
     contacts = [
         {"pair": list(names), **asdict(model.known_contact(*names).complete(needs, name="-".join(names)))}
         for names in experiment.contacts
@@ -143,6 +143,7 @@ def _result_of(twin: Twin) -> Result:
         "profiles": [{"base": profile.base, "view": profile.view} for profile in twin.profiles],
         "series": [{"quantity": series.quantity, "unit": series.unit} for series in twin.series],
         "wall_s": twin.seconds,
+        "failed": twin.failed,
     }
     for number, profile in enumerate(twin.profiles, start=1):
         for name in ("x", "height", "sigma"):
@@ -179,6 +180,7 @@ def twin_from(result: Result) -> Twin:
         series=series,
         assumptions=tuple(result["assumptions"]),
         warnings=tuple(result["warnings"]),
+        failed=result.get("failed", ""),
         seconds=result["wall_s"],
     )
 

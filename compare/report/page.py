@@ -77,33 +77,13 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
         "report.html",
         title=comparison.lab.title,
         made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
-        summary=_summary(comparison),
+        summary=comparison.headline,
         headlines=_table(headlines(comparison.deviations)),
         sections=[_section(outcome, out) for outcome in comparison.outcomes],
         borrowed=comparison.lab.borrowed,
         remarks=comparison.remarks,
         provenance=provenance,
         command=shlex.join(provenance["command_line"]),
-    )
-
-
-def _summary(comparison: Comparison) -> str:
-    compared = [row for row in comparison.deviations if row.z is not None and row.verdict != "set equal"]
-    verdicts = [row.verdict for row in compared]
-    words = ("agrees", "doubtful", "too few repetitions to tell", "too uncertain to tell")
-    agree, doubtful, few, vague = (verdicts.count(word) for word in words)
-    differ = len(compared) - agree - doubtful - few - vague
-    parts = [f"{agree or 'none'} agree within their uncertainty", f"{differ or 'none'} differ"]
-    if few:
-        parts.append(f"{few} have too few repetitions to tell")
-    if vague:
-        parts.append(f"{vague} are too uncertain to tell")
-    if doubtful:
-        parts.append(f"{doubtful} are doubtful")
-    rigs = len(comparison.outcomes)
-    return (
-        f"{rigs} experiment{'s' if rigs != 1 else ''}, {len(compared)} quantities measured and simulated: "
-        f"{', '.join(parts)}."
     )
 
 
@@ -127,8 +107,9 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
         "warnings": outcome.warnings,
         "budgets": list(_budgets(outcome.deviations)),
         "repetitions": [_repetition(item, out) for item in outcome.measurements],
-        "assumptions": outcome.twin.assumptions,
-        "twin_settings": list(_flat(outcome.twin.settings)),
+        "assumptions": outcome.twins[0].assumptions if outcome.twins else (),
+        "without_twin": outcome.without_twin,
+        "twin_settings": list(_flat(outcome.twins[0].settings)) if outcome.twins else [],
         "seconds": sum(twin.seconds for twin in outcome.twins),
     }
 
@@ -217,8 +198,9 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
         sources = {str(item.camera["scale_from"]) for item in outcome.measurements if item.camera.get("scale_from")}
         origin = f" ({', '.join(sorted(sources))})" if sources else ""
         lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
-    for pair, contact in outcome.twin.settings["contacts"].items():
-        needed = entry_of(experiment).needs
+    put_in = outcome.twins[0].settings["contacts"] if outcome.twins else {}
+    for pair, contact in put_in.items():
+        needed = entry_of(experiment).needed(experiment)
         values = ", ".join(f"{name.replace('_', ' ')} {contact[name]:g}" for name in needed)
         lines.append((f"put into the twin, {pair}:", values))
     return lines

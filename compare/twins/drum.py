@@ -7,14 +7,16 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any, Unpack
 
 from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
-from rigtwin.lab.drum_flow import froude_check
+from rigtwin.lab.drum_flow import FILL, FLOWING, froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.media_files import PICTURES
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import doubted, failed
 from rigtwin.lab.rigs import Drum, DrumSettings
@@ -142,9 +144,7 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
     settings = DrumSettings
 
     def is_photo(self, view: Path) -> bool:
-        from rigtwin.measure.media.photo import PHOTOS
-
-        return view.suffix.lower() in PHOTOS
+        return view.suffix.lower() in PICTURES
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
         rig = self.rig(experiment)
@@ -172,6 +172,22 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
     def count(self, experiment: Experiment, count: int | None) -> int | None:
         rig = self.rig(experiment)
         return rig.count or (count if self.takes_count(experiment) else None)
+
+    def needs_measurement(self, experiment: Experiment) -> bool:
+        return self.takes_count(experiment) and bool(experiment.repetitions)
+
+    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
+        seen = [check.value for item in measurements for check in item.checks if check.check == "fill"]
+        seen = [share for share in seen if FLOWING[0] < share < FLOWING[1]]
+        if not seen or not self.takes_count(experiment):
+            return experiment, ""
+        filled = replace(self.rig(experiment), fill=fmean(seen))
+        return replace(experiment, rig=filled), f"a fill of {fmean(seen):.3g}"
+
+    def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
+        rig = self.rig(experiment)
+        depth = [f"a depth of {rig.drum_diameter / 2 * 1e3:.3g} mm"] if rig.depth is None else []
+        return [*depth, f"a fill of {FILL:g}"] if self.takes_count(experiment) and count is None else depth
 
     def check_count(self, experiment: Experiment, count: int | None) -> None:
         from rigtwin.sim import drum

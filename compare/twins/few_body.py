@@ -79,7 +79,7 @@ class FewBodyEntry(RigEntry[Settings]):
         if frame_rate is None and not experiment.repetitions:
             frame_rate = _frame_rate(experiment, ())
         if frame_rate is not None:
-            self.check_trial(experiment, model.contact(*experiment.contacts[0], self.needs), frame_rate)
+            self.check_trial(experiment, model.contact(*experiment.contacts[0], self.needed(experiment)), frame_rate)
 
     @abstractmethod
     def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:

@@ -134,7 +134,10 @@ def hopper_result(
     }
     heap = () if discharge.pile is None else (discharge.pile,)
     shown = heap, (discharge.mass_left,), lambda: hopper.picture(rig, cast.particle, discharge)
-    return bulk_twin("hopper", rig, cast, discharge, evaluation, computed, course, *shown)
+    twin = bulk_twin("hopper", rig, cast, discharge, evaluation, computed, course, *shown)
+    if discharge.arched and discharge.emptied < discharge.asked / 2:
+        return replace(twin, failed=_no_flow(rig, cast.particle, discharge, duration).rstrip("."))
+    return twin
 
 
 def _not_emptied(evaluation: Evaluation, discharge: Discharge) -> Evaluation:
@@ -209,6 +212,16 @@ class HopperEntry(ManyBodyEntry[HopperSettings]):
 
     def count(self, experiment: Experiment, count: int | None) -> int:
         return filling_count(self.rig(experiment), experiment.particle, count)
+
+    def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
+        rig = self.rig(experiment)
+        usual = Hopper(rig.outlet or 0.0)
+        if rig.variant == "slot":
+            found = ["a bin 150 mm wide"] if rig.bin_width is None else []
+            found += ["a slot 68 mm long"] if rig.depth is None else []
+            return [*found, "walls at 60 degrees"] if rig.inclination is None else found
+        found = [f"a bin {usual.diameter * 1e3:.3g} mm wide"] if rig.bin_width is None else []
+        return [*found, f"a cone of {usual.cone_height * 1e3:.3g} mm"] if rig.cone_height is None else found
 
     def check_count(self, experiment: Experiment, count: int | None) -> None:
         from rigtwin.sim import hopper

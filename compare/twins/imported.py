@@ -85,7 +85,7 @@ def imported_for(experiment: Experiment, folder: Path, model: Model) -> tuple[Tw
     twin = imported_twin(folder)
     remarks = [f"{experiment.id}: the twin was computed by {TITLES[deck.code]} ({folder}), not by rigtwin"]
     entry = entry_of(experiment)
-    mine = [model.contact(*names, entry.needs) for names in experiment.contacts]
+    mine = [model.contact(*names, entry.needed(experiment)) for names in experiment.contacts]
     for names, wanted, used in zip(experiment.contacts, mine, (deck.wall_contact, deck.contact), strict=True):
         other = [
             f"{name.replace('_', ' ')} {theirs:g} instead of {ours:g}"

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from rigtwin.compare.twins.rig_entry import RigEntry, Settings, Stated
 from rigtwin.compare.twins.run_warnings import spoilt
 from rigtwin.compare.twins.twin import Twin, settings_of
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, TwinLacks
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.quantity import Evaluation, doubted
 from rigtwin.lab.records import Profile, Series
@@ -150,7 +150,7 @@ def filling_count(rig: Weighed, particle: Particle, count: int | None) -> int:
         raise BadInput("total_mass: is less than half the mass of one particle; state the mass of all particles.")
     filled = rig.count or weighed or count
     if not filled:
-        raise BadInput("the number of particles is not known; add total_mass or count to the experiment.")
+        raise TwinLacks("the number of particles is not known; add total_mass or count to the experiment.")
     return filled
 
 

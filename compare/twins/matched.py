@@ -60,7 +60,7 @@ def twin_of(
     the rig needs is not known.
     """
     entry = entry_of(experiment)
-    contacts = [model.contact(*names, entry.needs) for names in experiment.contacts]
+    contacts = [model.contact(*names, entry.needed(experiment)) for names in experiment.contacts]
     start, set_from = _start(experiment, measurements)
     numerics: dict[str, Any] = {}
     if entry.many_particles:
@@ -83,6 +83,17 @@ def twin_of(
     if entry.many_particles:
         return replace(twin, warnings=fit_for_a_lab(twin.warnings))
     return replace(twin, set_from=set_from)
+
+
+def as_seen(experiment: Experiment, measurements: Sequence[Measurement], count: int | None) -> tuple[Experiment, str]:
+    """The experiment with settings that its media show and lab.toml does not state, and what these are in words.
+
+    A `count` of particles that is asked for goes before what the media show of the filling.
+    """
+    entry = entry_of(experiment)
+    if count is not None and entry.takes_count(experiment):
+        return experiment, ""
+    return entry.completed(experiment, measurements)
 
 
 def checkpoints(folder: Path, experiment: Experiment) -> list[Path]:

@@ -141,10 +141,27 @@ def packing_result(rig: Packing, cast: Cast, bed: Bed, computed: Computed) -> Tw
     }
     shown = bed.profiles, (), lambda: packing.picture(rig, bed)
     twin = bulk_twin("packing", rig, cast, bed, evaluation, computed, course, *shown)
+    twin = replace(twin, failed=_no_bed(bed, cast.particle))
     each = bed.seconds_per_particle
     if math.isnan(each):
         return replace(twin, cost="not known: the checkpoint was written by an earlier rigtwin")
     return replace(twin, cost=f"{each:.3g} s of processor time per particle")
+
+
+def _no_bed(bed: Bed, particle: Particle) -> str:
+    """Why there is no bed of the particles that were asked for, with the setting to change; empty where there is."""
+    from rigtwin.sim.run.filling import arch_in_words
+
+    inside = bed.placed - bed.missed - bed.stuck
+    if inside >= bed.asked / 2:
+        return ""
+    if bed.arched:
+        jam = arch_in_words(f"{bed.stuck} of {bed.placed} particles", bed.outlet_diameter, particle)
+        return f"{jam}; give a wider outlet_diameter"
+    return (
+        f"{inside} of {bed.asked} particles are in the cylinder; give a smaller outlet_diameter or fall_height, or "
+        "check cylinder_diameter and count"
+    )
 
 
 def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
@@ -199,6 +216,11 @@ class PackingEntry(ManyBodyEntry[PackingSettings]):
 
     def count(self, experiment: Experiment, count: int | None) -> int:
         return filling_count(self.rig(experiment), experiment.particle, count)
+
+    def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
+        rig = self.rig(experiment)
+        found = ["an outlet of 0.6 of the cylinder"] if rig.outlet_diameter is None else []
+        return [*found, "a fall of 20 mm"] if rig.fall_height is None else found
 
     def check_count(self, experiment: Experiment, count: int | None) -> None:
         from rigtwin.sim import packing

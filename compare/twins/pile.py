@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any, ClassVar, Unpack
 
 import numpy as np
@@ -15,7 +17,9 @@ from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import PACKING
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Profile
 from rigtwin.lab.rig_quantities import ABOVE_RIM
 from rigtwin.lab.rigs import Pile, PileSettings
 from rigtwin.lab.tracked.table import is_table
@@ -117,14 +121,33 @@ def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
     from rigtwin.measure.pile import evaluate as ruler
     from rigtwin.sim.pile import pile
 
-    evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=cast.particle.diameter)
+    failed, bead = _no_heap(rig, cast, heap), cast.particle.diameter
+    try:
+        evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=bead)
+    except BadInput as error:
+        if failed:
+            raise BadInput(f"{failed}.") from error
+        raise
     if rig.rim_height > 0:
         above = _above_rim(rig, heap, cast.particle.diameter)
         evaluation = replace(evaluation, quantities=(*evaluation.quantities, *above))
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     course |= stated(bed_height_m=heap.bed_height)
     shown = heap.profiles, (), lambda: pile.picture(rig, heap)
-    return bulk_twin("pile", rig, cast, heap, evaluation, computed, course, *shown)
+    return replace(bulk_twin("pile", rig, cast, heap, evaluation, computed, course, *shown), failed=failed)
+
+
+def _no_heap(rig: Pile, cast: Cast, heap: Heap) -> str:
+    """Why the particles on the base are no heap, with the setting to change; empty where they are one."""
+    stay = heap.placed - heap.fallen
+    layer = math.ceil(PACKING * math.pi / 4 * rig.base_diameter**2 * cast.particle.diameter / cast.particle.volume)
+    if rig.variant == "emptying" or stay >= layer:
+        return ""
+    what = f"{stay} of {heap.placed} particles are on the base, and one layer has about {layer}"
+    if heap.fallen < heap.placed / 2:
+        return f"{what}; give a larger count, or a smaller base_diameter"
+    rim = "a rim_height" if rig.rim_height == 0 else "a higher rim_height"
+    return f"{what}: the others rolled off; give {rim}, or contacts with more rolling_friction"
 
 
 def _above_rim(rig: Pile, heap: Heap, diameter: float) -> Iterator[Quantity]:
@@ -139,6 +162,16 @@ def _above_rim(rig: Pile, heap: Heap, diameter: float) -> Iterator[Quantity]:
     for one in found.quantities:
         if one.quantity.startswith("angle_of_repose"):
             yield replace(one, method=f"{one.method}{ABOVE_RIM}")
+
+
+def _volume(profile: Profile) -> tuple[float, float]:
+    """Volume [m^3] of the body that the profile makes when it turns about its middle, and its largest radius [m]."""
+    seen = np.isfinite(profile.height) & (profile.height > 0)
+    if seen.sum() < 3:
+        return 0.0, 0.0
+    x, height = profile.x[seen], profile.height[seen]
+    out = np.abs(x - (sum(profile.base) / 2 if profile.base is not None else x[[0, -1]].mean()))
+    return float(np.pi * np.trapezoid(height * out, x)), float(out.max())
 
 
 PILE_COUNT = 1000
@@ -170,6 +203,40 @@ class PileEntry(ManyBodyEntry[PileSettings]):
 
     def count(self, experiment: Experiment, count: int | None) -> int:
         return self.rig(experiment).count or count or PILE_COUNT
+
+    def needs_measurement(self, experiment: Experiment) -> bool:
+        return self.takes_count(experiment) and bool(experiment.repetitions)
+
+    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
+        rig, particle = self.rig(experiment), experiment.particle
+        seen = [_volume(one) for item in measurements for one in item.profiles]
+        volumes = [volume for volume, _ in seen if volume > 0]
+        if rig.variant == "emptying" or rig.count is not None or not volumes:
+            return experiment, ""
+        count = round(PACKING * fmean(volumes) / particle.volume)
+        said = f"{count} particles, by the volume of the heap"
+        if max(reach for _, reach in seen) > rig.base_diameter / 2 - 2 * particle.diameter:
+            count *= 2  # others have rolled off
+            said = f"{count} particles, twice the volume of a heap that reaches the edge of its base"
+            if count < PILE_COUNT:  # more than enough to cover it
+                return experiment, ""
+        try:
+            self.check_count(experiment, count)
+        except BadInput:
+            return experiment, ""
+        return replace(experiment, rig=replace(rig, count=count)), said
+
+    def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
+        rig = self.rig(experiment)
+        found = [] if rig.count or count else [f"{PILE_COUNT} particles"]
+        if rig.variant == "piling":
+            found += ["a funnel of a quarter of the base"] if rig.outlet_diameter is None else []
+            found += ["a funnel that rises with the heap"] if rig.outlet_height is None else []
+            found += ["a base without a rim"] if rig.rim_height == 0 else []
+        if rig.variant == "pouring":
+            found += ["a tube of half the base"] if rig.tube_diameter is None else []
+            found += ["a lift at 20 mm/s"] if rig.lift_speed is None else []
+        return found
 
     def check_count(self, experiment: Experiment, count: int | None) -> None:
         from rigtwin.sim.pile import pile

@@ -52,6 +52,18 @@ class RigEntry(ABC, Generic[Settings]):
         assert isinstance(experiment.rig, self.settings)
         return cast("Settings", experiment.rig)
 
+    def needed(self, experiment: Experiment) -> tuple[str, ...]:
+        """Return the parameters of a contact that the twin of the experiment cannot do without."""
+        return self.needs
+
+    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
+        """Return the experiment with settings that are not stated taken from its media, and in words what they show."""
+        return experiment, ""
+
+    def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
+        """Return in words the settings of the twin that are neither stated nor measured."""
+        return []
+
     def is_photo(self, view: Path) -> bool:
         """Whether a medium of this rig is a photo, not a film."""
         return bool(self.settings.several_views)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import statistics
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -120,15 +120,20 @@ def _tilted(rig: Tilt, angle: Series, track: Track, particle: Particle) -> npt.N
 def _against_speed(stated: float, measurements: Sequence[Measurement]) -> Iterator[str]:
     """A warning for each film whose plate never rises at a rate near the stated one [deg/s]."""
     for item in measurements:
-        rates = [rate for angle in item.series if angle.quantity == "plate_angle" for rate in _rising(angle)]
+        rates = _rates(item)
         # the speed of a hand-turned screw varies and the measured rates are noisy: all parts must disagree
         if rates and not (1 - OTHER_SPEED) * min(rates) <= stated <= (1 + OTHER_SPEED) * max(rates):
-            found = reading(statistics.fmean(rates), statistics.stdev(rates), "deg")
+            found = reading(fmean(rates), stdev(rates), "deg")
             yield (
                 f"{item.source.name}: the plate rises by {found} per second, but the lab file states a speed of "
                 f"{stated:.3g} deg/s, with which the twin was run; correct the speed, or the camera's frame_rate, to "
                 "which the measured speed is proportional"
             )
+
+
+def _rates(item: Measurement) -> list[float]:
+    """Rates [deg/s] at which the plate of a film rises; empty where its angle was not followed."""
+    return [rate for angle in item.series if angle.quantity == "plate_angle" for rate in _rising(angle)]
 
 
 def _rising(angle: Series) -> list[float]:
@@ -152,7 +157,21 @@ class TiltEntry(FewBodyEntry[TiltSettings]):
     """The tilting plate in `compare`."""
 
     settings = TiltSettings
-    needs: ClassVar[tuple[str, ...]] = ("static_friction", "rolling_friction")
+    needs: ClassVar[tuple[str, ...]] = ("static_friction",)
+
+    def needed(self, experiment: Experiment) -> tuple[str, ...]:
+        return (*self.needs, "rolling_friction") if self.rig(experiment).variant == "roll" else self.needs
+
+    def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
+        rig = self.rig(experiment)
+        rates = [fmean(found) for item in measurements if (found := _rates(item))]
+        if rig.speed is not None or not rates or fmean(rates) <= 0:
+            return experiment, ""
+        turned = replace(rig, speed=math.radians(fmean(rates)))
+        return replace(experiment, rig=turned), f"a plate that rises by {fmean(rates):.3g} degrees per second"
+
+    def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
+        return ["a plate that rises by 1 degree per second"] if self.rig(experiment).speed is None else []
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
         rig = self.rig(experiment)

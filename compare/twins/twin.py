@@ -33,6 +33,8 @@ class Twin(Readable):
     """Profiles of a moving surface, at the times of `series`."""
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    failed: str = ""
+    """Why the run shows no experiment that could be compared, with the setting to change; empty where it does."""
     set_from: dict[str, str] = field(default_factory=dict)
     """Quantities that are input of the twin: name -> ``"measured"`` or ``"stated"``."""
     seconds: float = 0.0  # [s], wall-clock time of the run

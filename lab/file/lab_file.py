@@ -10,28 +10,34 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from typing import NamedTuple
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.file.repetitions import Views, expanded
 from rigtwin.lab.file.schema import (
+    Bracketed,
     CameraEntry,
     Document,
     ExperimentEntry,
     LabFile,
     Problem,
+    Repaired,
     read_document,
+    repaired,
     suggestion,
     validated,
 )
-from rigtwin.lab.file.stated_values import stated_quantities
+from rigtwin.lab.file.stated_values import stated_quantities, stated_scatter
 from rigtwin.lab.file.toml_lines import Key, dotted
 from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.reference.repetition_scatter import Scatter
 from rigtwin.lab.rigs import RIGS, SETTINGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
 
@@ -56,6 +62,8 @@ class Experiment:
     """Files of the repetitions that lie outside the lab's folder."""
     measured: tuple[Quantity, ...] = ()
     """What lab.toml states as measured; it replaces what the repetitions give of the same quantity and method."""
+    scatter: Mapping[str, Scatter] = field(default_factory=dict)
+    """Scatter from repetition to repetition that lab.toml states, by quantity."""
     cameras: Mapping[Path, Camera] = field(default_factory=dict)
     """Cameras of files for which something else is stated than `camera`."""
     rejected: Mapping[Path, str] = field(default_factory=dict)
@@ -114,13 +122,15 @@ def read_lab(folder: Path, *, allow_outside: bool = False) -> Lab:
 
 def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
     """The lab that a lab.toml describes, or would describe with this content.  Raises `BadLabFile` like `read_lab`."""
-    path, file = document.path, validated(document, LabFile)
+    path, read = document.path, repaired(document, LabFile)
+    file = read.file
     inventory = Inventory(file)
     experiments = [
-        _experiment(path.parent, inventory, entry, ("experiments", number), allow_outside)
+        _experiment(path.parent, inventory, entry, ("experiments", number), allow_outside, read)
         for number, entry in enumerate(file.experiments)
     ]
-    problems = [*inventory.problems, *_repeated_ids(document, file)]
+    found = [*inventory.problems, *_repeated_ids(document, file)]
+    problems = [*read.problems, *(one for one in found if not read.touches(one.key))]
     if not file.experiments:
         problems.append(Problem((), "has no experiments; add one under [[experiments]]."))
     if problems:
@@ -144,10 +154,20 @@ def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
     )
 
 
-def fault(lab: Lab, experiment: Experiment, key: Key, why: str) -> BadLabFile:
-    """What only media or twin tell of an experiment's `key`, said as `read_lab` says it: with the file and the line."""
-    document = read_document(lab.path)
-    return document.error([Problem(("experiments", lab.experiments.index(experiment), *key), why)])
+class Fault(NamedTuple):
+    """What is wrong with a key of an experiment, as only its media or its twin show."""
+
+    experiment: Experiment
+    key: Key
+    why: str
+
+
+def faulty(lab: Lab, faults: Sequence[Fault]) -> BadLabFile:
+    """What `read_lab` would raise for these faults: with the file and the lines."""
+    number = {one.id: place for place, one in enumerate(lab.experiments)}
+    return read_document(lab.path).error(
+        Problem(("experiments", number[one.experiment.id], *one.key), one.why) for one in faults
+    )
 
 
 def read_cast(folder: Path) -> Model:
@@ -182,20 +202,41 @@ def new_lab(folder: Path) -> list[Path]:
 
 
 def _experiment(
-    folder: Path, inventory: Inventory, entry: ExperimentEntry, key: Key, allow_outside: bool
+    folder: Path,
+    inventory: Inventory,
+    entry: ExperimentEntry,
+    key: Key,
+    allow_outside: bool,
+    read: Repaired[LabFile],
 ) -> Experiment | None:
+    if read.touches(key):  # an example stands in the place of all of it
+        return None
     particle = inventory.particle(entry.particle, (*key, "particle"))
     covered = SETTINGS[entry.rig].wall_of_particles
     wall = None if entry.wall is None else inventory.wall(entry.wall, (*key, "wall"), of_particles=covered)
-    repetitions = tuple(tuple(folder / view for view in views) for views in entry.repetitions)
-    outside = list(_outside(folder, entry, repetitions, key))
-    measured, wrong = _measured(entry, key)
-    found = [
-        *(Problem((*key, name), why) for name, why in entry.faults()),
+    found = []
+    repetitions: list[Views] = []
+    places: list[Key] = []
+    for number, names in enumerate(entry.repetitions):
+        place: Key = (*key, "repetitions", number)
+        try:
+            together = isinstance(names, Bracketed)
+            ones = expanded(folder, names, together=together, photos=entry.several_views, outside=allow_outside)
+        except BadInput as error:
+            found.append(Problem(place, str(error)))
+            continue
+        repetitions += ones
+        places += [place] * len(ones)
+    outside = list(_outside(folder, repetitions, places))
+    measured, wrong = _measured(entry, key, read)
+    scatter, more_wrong = _scatter(entry, key)
+    found += [
+        *(Problem((*key, name), why) for name, why in entry.faults() if not read.touched_in(key)),
         *wrong,
-        *(_media_problems(entry, repetitions, key) if allow_outside or not outside else outside),
+        *more_wrong,
+        *(_media_problems(entry, repetitions, places) if allow_outside or not outside else outside),
         *_camera_problems(entry.camera, entry.rig, folder, (*key, "camera"), allow_outside),
-        *_file_problems(entry, folder, key, allow_outside),
+        *_file_problems(entry, folder, repetitions, key, allow_outside),
         *_idle(entry, key),
     ]
     inventory.problems += found
@@ -212,20 +253,21 @@ def _experiment(
         entry.table,
         frozenset(view for views in repetitions for view in views if lies_outside(view, folder)),
         measured,
+        scatter,
         {folder / name: file.over(entry.camera).camera(folder) for name, file in entry.files.items()},
         rejected,
     )
 
 
-def _without(rejected: Mapping[Path, str], repetitions: Sequence[tuple[Path, ...]]) -> tuple[tuple[Path, ...], ...]:
+def _without(rejected: Mapping[Path, str], repetitions: Sequence[Views]) -> tuple[Views, ...]:
     """The repetitions without rejected files, and without those of which no view is left."""
     left = (tuple(view for view in views if view not in rejected) for views in repetitions)
     return tuple(views for views in left if views)
 
 
-def _measured(entry: ExperimentEntry, key: Key) -> tuple[tuple[Quantity, ...], list[Problem]]:
+def _measured(entry: ExperimentEntry, key: Key, read: Repaired[LabFile]) -> tuple[tuple[Quantity, ...], list[Problem]]:
     """What is stated as measured, and what is wrong there."""
-    if not entry.repetitions and not entry.measured:
+    if not entry.repetitions and not entry.measured and not read.touches((*key, "measured")):
         why = (
             'this key is missing; add repetitions = ["r01.mp4", "r02.mp4"], or state results under '
             "[experiments.measured]."
@@ -241,11 +283,22 @@ def _measured(entry: ExperimentEntry, key: Key) -> tuple[tuple[Quantity, ...], l
     return tuple(found), problems
 
 
-def _media_problems(entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key) -> list[Problem]:
+def _scatter(entry: ExperimentEntry, key: Key) -> tuple[dict[str, Scatter], list[Problem]]:
+    """The scatter that is stated, and what is wrong there."""
+    found: dict[str, Scatter] = {}
+    problems = []
+    for name, given in entry.scatter.items():
+        try:
+            found[name] = stated_scatter(name, given, entry.settings())
+        except BadInput as error:
+            problems.append(Problem((*key, "scatter", name), str(error)))
+    return found, problems
+
+
+def _media_problems(entry: ExperimentEntry, repetitions: Sequence[Views], places: Sequence[Key]) -> list[Problem]:
     problems = []
     seen: dict[Path, Key] = {}
-    for number, views in enumerate(repetitions):
-        place: Key = (*key, "repetitions", number)
+    for views, place in zip(repetitions, places, strict=True):
         if len(views) > 1 and not entry.several_views:
             problems.append(Problem(place, f"a {entry.rig} has one file per repetition; take it out of its brackets."))
         for view in views:
@@ -273,13 +326,11 @@ def _stands_there(path: Path, *, folder_too: bool) -> bool:
         return False
 
 
-def _outside(
-    folder: Path, entry: ExperimentEntry, repetitions: tuple[tuple[Path, ...], ...], key: Key
-) -> Iterator[Problem]:
-    for number, views in enumerate(repetitions):
+def _outside(folder: Path, repetitions: Sequence[Views], places: Sequence[Key]) -> Iterator[Problem]:
+    for views, place in zip(repetitions, places, strict=True):
         for view in views:
             if (view.exists() or view.is_symlink() or ".." in view.parts) and lies_outside(view, folder):
-                yield Problem((*key, "repetitions", number), f"{view} {OUTSIDE}")
+                yield Problem(place, f"{view} {OUTSIDE}")
 
 
 def _camera_problems(camera: CameraEntry, rig: str, folder: Path, key: Key, allow_outside: bool) -> list[Problem]:
@@ -289,12 +340,15 @@ def _camera_problems(camera: CameraEntry, rig: str, folder: Path, key: Key, allo
     return [Problem((*key, name), why) for name, why in camera.faults(folder, rig)]
 
 
-def _file_problems(entry: ExperimentEntry, folder: Path, key: Key, allow_outside: bool) -> Iterator[Problem]:
+def _file_problems(
+    entry: ExperimentEntry, folder: Path, repetitions: Sequence[Views], key: Key, allow_outside: bool
+) -> Iterator[Problem]:
     """What is wrong with the keys of single files."""
-    names = [view for views in entry.repetitions for view in views]
+    known = [view for views in repetitions for view in views]
+    names = [str(view.relative_to(folder)) if view.is_relative_to(folder) else str(view) for view in known]
     for name, file in entry.files.items():
         place: Key = (*key, "files", name)
-        if name not in names:
+        if folder / name not in known:
             yield Problem(place, f"is none of the repetitions; {suggestion(name, names)}.")
         else:
             yield from _camera_problems(file.over(entry.camera), entry.rig, folder, place, allow_outside)

@@ -9,13 +9,15 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
+from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from rigtwin.lab import camera
@@ -55,22 +57,19 @@ class Document:
         return self.lines[key]
 
     def error(self, problems: Iterable[Problem]) -> BadLabFile:
-        """One sentence on the first problem by line, and in which lines there are more.
+        """All problems in the order of their lines, each with its line; `BadLabFile.faults` has them one by one.
 
         A missing key comes last: it may be the misspelt one.
         """
-        first, *others = sorted(
+        in_order = sorted(
             dict.fromkeys(problems), key=lambda problem: (problem.key not in self.lines, self.line(problem.key))
         )
-        where = f"{self.path}, line {self.line(first.key)}: "
-        key = f"{dotted(first.key)}: " if first.key else ""
-        if not others:
-            return BadLabFile(f"{where}{key}{first.what}")
-        lines = ", ".join(map(str, sorted({self.line(other.key) for other in others})))
-        stop = "." if first.what.endswith(".") else ""
-        return BadLabFile(
-            f"{where}{key}{first.what.removesuffix('.')} (and {len(others)} more, see line {lines}){stop}"
-        )
+        faults = [
+            f"line {self.line(one.key)}: {dotted(one.key)}{': ' if one.key else ''}{one.what}" for one in in_order
+        ]
+        if len(faults) == 1:
+            return BadLabFile(f"{self.path}, {faults[0]}")
+        return BadLabFile(f"{self.path} has {len(faults)} faults", faults=faults)
 
 
 def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") -> Document:
@@ -221,11 +220,15 @@ def _text(value: Any, example: str) -> str:
     return value
 
 
+class Bracketed(list[str]):
+    """Files that stand in brackets: views of one repetition."""
+
+
 def _views(value: Any) -> list[str]:
     views = [value] if isinstance(value, str) else value
     if not isinstance(views, list) or not views or not all(isinstance(view, str) and view for view in views):
         raise BadInput(f"{value!r} is not a file name; write it like 'r01.mp4', or ['front.jpg', 'left.jpg'].")
-    return views
+    return views if isinstance(value, str) else Bracketed(views)
 
 
 def _whole(value: Any) -> int:
@@ -290,26 +293,42 @@ class _Entry(BaseModel):
 
 
 class LabEntry(_Entry):
-    title: str = ""
+    """The lab."""
+
+    title: str = Field(
+        default="",
+        examples=["Ash beads on steel"],
+        description="title of the report; by default the name of the folder",
+    )
 
 
 class MaterialEntry(_Entry):
-    density: Density
-    youngs_modulus: Modulus
-    poisson_ratio: Poisson
+    """What particles and walls are made of; materials of the reference need no entry."""
+
+    density: Density = Field(examples=["720 kg/m^3"], description="of the solid")
+    youngs_modulus: Modulus = Field(description="Young's modulus")
+    poisson_ratio: Poisson = Field(description="Poisson's ratio")
 
 
 class ParticleEntry(_Entry):
-    material: Name = Field(examples=["ash"])
-    diameter: Length
-    density: Density | None = None
-    mass: Mass | None = None
+    """A spherical particle; particles of the reference need no entry."""
+
+    material: Name = Field(examples=["wood_ash"], description="its material, of this file or of the reference")
+    diameter: Length = Field(description="of the sphere")
+    density: Density | None = Field(
+        default=None, description="of one particle where it differs from the material's (holes); or mass"
+    )
+    mass: Mass | None = Field(default=None, examples=["0.071 g"], description="of one particle; or density")
 
 
 class ContactEntry(_Entry):
-    restitution: Restitution | None = None
-    static_friction: Friction | None = None
-    rolling_friction: Friction | None = None
+    """What is known of a contact of two particles, or of a particle and a wall; only the twins need it."""
+
+    restitution: Restitution | None = Field(default=None, description="coefficient of restitution")
+    static_friction: Friction | None = Field(default=None, description="Coulomb limit of the tangential force")
+    rolling_friction: Friction | None = Field(
+        default=None, description="torque limit mu_r Fn R on each body, not the tangent of a tilting angle"
+    )
 
 
 _OF_CAMERA = [field.name for field in fields(camera.Camera)]
@@ -330,27 +349,84 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
 
 
 class CameraEntry(_Entry):
-    frame_rate: Rate | None = None
-    scale: Scale | None = None
-    known_length: KnownLength | None = None
-    region: Annotated[tuple[float, float, float, float], _edge(_region)] | None = None
-    start: Moment | None = None
-    end: Moment | None = None
-    exclude: Spans = ()
-    camera_roll: Annotated[float, _edge(_roll)] | None = None
-    plumb_line: PlumbLine | None = None
-    board: Board | None = None
-    ignore: Annotated[tuple[tuple[float, float, float, float], ...], _edge(_regions)] = ()
-    bead_at: BeadAt | None = None
-    plate: Line | None = None
-    pivot: Pivots = ()
-    base: Line | None = None
-    flank: Flank | None = None
-    cylinder: Line | None = None
-    floor: Annotated[float, _edge(_floor)] | None = None
-    circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = None
-    averaged: Annotated[bool, _edge(_flag)] = False
-    slot: Line | None = None
+    """What is known of the camera; what is not given is found in the picture."""
+
+    frame_rate: Rate | None = Field(
+        default=None,
+        description="capture rate; a high-speed clip often plays at another rate. By default that of the file",
+    )
+    scale: Scale | None = Field(
+        default=None,
+        description="at the particle's distance; by default from the particle's diameter or a known size of the rig",
+    )
+    known_length: KnownLength | None = Field(
+        default=None,
+        examples=["100mm:120,40,620,40"],
+        description="a length in view and the two points that it spans: x1,y1,x2,y2 in pixels; in place of scale",
+    )
+    region: Annotated[tuple[float, float, float, float], _edge(_region)] | None = Field(
+        default=None, examples=["100,0,400,720"], description="look only there: x,y,width,height in pixels"
+    )
+    start: Moment | None = Field(
+        default=None, description='begin of the evaluated part, a time or a frame ("48 frames")'
+    )
+    end: Moment | None = Field(
+        default=None, examples=["1.5 s"], description="end of the evaluated part, a time or a frame"
+    )
+    exclude: Spans = Field(default=(), examples=[["60f..80f"]], description="parts of the clip that are left out")
+    camera_roll: Annotated[float, _edge(_roll)] | None = Field(
+        default=None,
+        examples=["0.5 deg"],
+        description="positive when the scene looks turned clockwise; measured when not stated",
+    )
+    plumb_line: PlumbLine | None = Field(
+        default=None,
+        examples=["412,20,405,700"],
+        description="two points of a plumb line: x1,y1,x2,y2 in pixels; in place of camera_roll",
+    )
+    board: Board | None = Field(
+        default=None,
+        examples=["checkerboard 9x6 10mm board.jpg"],
+        description=(
+            'a calibration board photographed where the motion is: "checkerboard 9x6 10mm board.jpg", '
+            '"charuco 8x5 20mm/15mm board.jpg", "aruco 40mm b.jpg"; gives scale, lens and perspective'
+        ),
+    )
+    ignore: Annotated[tuple[tuple[float, float, float, float], ...], _edge(_regions)] = Field(
+        default=(),
+        examples=[["0,0,80,60"]],
+        description="regions of which nothing is taken (lamp, reflection, hand): x,y,width,height in pixels",
+    )
+    bead_at: BeadAt | None = Field(
+        default=None,
+        examples=["12:310,88"],
+        description='where the body is in a frame: "frame:x,y" in pixels; seed of the track',
+    )
+    plate: Line | None = Field(
+        default=None, examples=["100,300,500,300"], description="two points of the plate: x1,y1,x2,y2 in pixels"
+    )
+    pivot: Pivots = Field(default=(), examples=["320,40"], description="the hinge, or both: x,y in pixels")
+    base: Line | None = Field(
+        default=None, examples=["100,300,500,300"], description="left and right end of the base: x1,y1,x2,y2 in pixels"
+    )
+    flank: Flank | None = Field(default=None, examples=["left"], description="which flanks of the heap are read")
+    cylinder: Line | None = Field(
+        default=None,
+        examples=["150,600,450,600"],
+        description="its two inner walls at the floor: x1,y1,x2,y2 in pixels",
+    )
+    floor: Annotated[float, _edge(_floor)] | None = Field(
+        default=None, examples=[612], description="row of the floor in pixels"
+    )
+    circle: Annotated[tuple[float, float, float], _edge(_circle)] | None = Field(
+        default=None, examples=["320,240,200"], description="the inner rim: cx,cy,r in pixels"
+    )
+    averaged: Annotated[bool, _edge(_flag)] = Field(
+        default=False, examples=[True], description="the picture is a mean over time, as of a GranuDrum, not one moment"
+    )
+    slot: Line | None = Field(
+        default=None, examples=["300,400,340,400"], description="both edges of the slot: x1,y1,x2,y2 in pixels"
+    )
 
     def camera(self, folder: Path = HERE) -> camera.Camera:
         """What the keys say; a board's photo is named relative to the lab's `folder`."""
@@ -386,7 +462,9 @@ def keys_of_camera(rig: str) -> set[str]:
 class FileEntry(CameraEntry):
     """What is said of one clip or photo: keys of the camera that go before those of its experiment, and a verdict."""
 
-    rejected: Annotated[str, _edge(_reason)] = ""
+    rejected: Annotated[str, _edge(_reason)] = Field(
+        default="", examples=["a hand is in view"], description="why the file is not used"
+    )
 
     def over(self, common: CameraEntry) -> CameraEntry:
         """The keys of the experiment's camera, with those of this file in their place."""
@@ -405,15 +483,44 @@ _ALTERNATIVES = ({"scale", "known_length", "board"}, {"camera_roll", "plumb_line
 
 
 class _ExperimentEntry(_Entry):
-    id: Name = Field(examples=["drop-D6-steel"])
-    particle: Name = Field(examples=["D6"])
-    repetitions: list[Views] = Field([], min_length=1, examples=[["r01.mp4", "r02.mp4"]])
-    measured: dict[str, Any] = {}  # read by `rigtwin.lab.file.stated_values`
-    columns: Annotated[Mapping[str, tuple[str, str]], _edge(_columns), Field(examples=["t=time[ms],x=cx,y=cy"])] = {}
-    join: Annotated[tuple[tuple[str, ...], ...], _edge(_joined), Field(examples=[["3,7"]])] = ()
-    camera: CameraEntry = CameraEntry()
-    files: dict[str, FileEntry] = {}  # by the name that stands in `repetitions`
-    rig: str
+    id: Name = Field(examples=["drop-D6-steel"], description="name of the experiment, a different one for each")
+    particle: Name = Field(examples=["D6"], description="a particle of this file or of the reference")
+    repetitions: list[Views] = Field(
+        default=[],
+        min_length=1,
+        examples=[["r01.mp4", "r02.mp4"]],
+        description=(
+            "one clip, photo or table each; several photos of one bed or pile in brackets; a pattern "
+            '("clips/*.mp4") or folder ("clips/") stands for all that it holds'
+        ),
+    )
+    measured: dict[str, Any] = Field(
+        default={},
+        examples=[{"restitution_wall": "0.42 +- 0.05 (n = 10)"}],
+        description="results measured by hand, in place of media or beside them (stated_results.md)",
+    )
+    scatter: dict[str, Any] = Field(
+        default={},
+        examples=[{"restitution_wall": "5 %"}],
+        description=(
+            "standard deviation from repetition to repetition in percent of the value, in place of the "
+            'published one that `compare` uses with few repetitions; "5 % (n = 10)" is one that was found'
+            " with ten repetitions"
+        ),
+    )  # read by `rigtwin.lab.file.stated_values`
+    columns: Annotated[Mapping[str, tuple[str, str]], _edge(_columns), Field(examples=["t=time[ms],x=cx,y=cy"])] = (
+        Field(default={}, description="columns of a table that are not recognised (tracked_data.md)")
+    )
+    join: Annotated[tuple[tuple[str, ...], ...], _edge(_joined), Field(examples=[["3,7"]])] = Field(
+        (), description="the parts of one broken track in a table"
+    )
+    camera: CameraEntry = Field(
+        default=CameraEntry(), description="what is known of the camera, under [experiments.camera]"
+    )
+    files: dict[str, FileEntry] = Field(
+        default={}, description='keys of single files, by the name of the file, under [experiments.files."NAME"]'
+    )
+    rig: str = Field(examples=["drop"], description="its rig")
 
     @property
     def table(self) -> TableOptions:
@@ -438,34 +545,57 @@ class _ExperimentEntry(_Entry):
 class UncertaintyEntry(_Entry):
     """Standard uncertainties of what is stated, for the diagnosis; relative ones as numbers."""
 
-    scale: Fraction | None = None
-    frame_rate: Fraction | None = None
-    camera_roll: Tilted | None = None
-    tracking_noise: Length | None = None
-    drop_height: Length | None = None
-    plate_level: Tilted | None = None
-    length: Length | None = None
-    release_angle: Tilted | None = None
-    tilt_rate: Fraction | None = None
-    incline_angle: Tilted | None = None
+    scale: Fraction | None = Field(default=None, examples=[0.005], description="of the scale, relative")
+    frame_rate: Fraction | None = Field(default=None, examples=[0.001], description="of the frame rate, relative")
+    camera_roll: Tilted | None = Field(default=None, description="of the camera roll")
+    tracking_noise: Length | None = Field(
+        default=None, examples=["0.02 mm"], description="of the centre of a tracked particle in one frame"
+    )
+    drop_height: Length | None = Field(default=None, examples=["0.5 mm"], description="of the drop height")
+    plate_level: Tilted | None = Field(default=None, examples=["0.1 deg"], description="of the level of the plate")
+    length: Length | None = Field(default=None, examples=["0.5 mm"], description="of the length of the pendulum")
+    release_angle: Tilted | None = Field(default=None, examples=["0.5 deg"], description="of the release angle")
+    tilt_rate: Fraction | None = Field(default=None, examples=[0.01], description="of the speed of the plate, relative")
+    incline_angle: Tilted | None = Field(
+        default=None, examples=["0.1 deg"], description="of the angle of a fixed incline"
+    )
 
 
 class DropEntry(_ExperimentEntry):
+    """A particle falls on a plate and bounces."""
+
     rig: Literal["drop"]
-    wall: Name = Field(examples=["steel"])
-    drop_height: Length | None = None
-    bounces: Count = 4
-    turned: Release | None = None
+    wall: Name = Field(examples=["steel"], description="material of the plate")
+    drop_height: Length | None = Field(
+        default=None,
+        examples=["300 mm"],
+        description="lowest point of the particle above the plate; measured when not stated",
+    )
+    bounces: Count = Field(default=4, examples=[4], description="bounces that the twin shows")
+    turned: Release | None = Field(
+        default=None, description="of a clump out of its own axes, clockwise as seen; random when not stated"
+    )
 
 
 class PendulumEntry(_ExperimentEntry):
+    """A particle swings against another one, or against a wall."""
+
     rig: Literal["pendulum"]
-    wall: Name | None = None
-    variant: Literal["double", "wall"] = Field(examples=["double"])
-    length: Length = Field(examples=["300 mm"])
-    release_angle: Release | None = None
-    hanger: Literal["string", "rod"] = Field("string", examples=["rod"])
-    rod_mass: Mass = 0.0
+    wall: Name | None = Field(
+        default=None, examples=["steel"], description='material of the wall; only with variant = "wall"'
+    )
+    variant: Literal["double", "wall"] = Field(
+        examples=["double"],
+        description='"double": particle A hits particle B, which is at rest; "wall": particle A hits a wall',
+    )
+    length: Length = Field(examples=["300 mm"], description="hinge to centre of the particle")
+    release_angle: Release | None = Field(
+        default=None, description="of particle A from the vertical; measured when not stated"
+    )
+    hanger: Literal["string", "rod"] = Field(
+        default="string", examples=["rod"], description="what the particles hang on"
+    )
+    rod_mass: Mass = Field(default=0.0, examples=["2 g"], description="of each rod")
 
     def faults(self) -> Iterable[tuple[str, str]]:
         if self.variant == "wall" and self.wall is None:
@@ -475,17 +605,43 @@ class PendulumEntry(_ExperimentEntry):
 
 
 class PileEntry(_ExperimentEntry):
+    """A heap on a round base."""
+
     rig: Literal["pile"]
-    wall: Name = Field(examples=["steel"])
-    variant: Literal["piling", "pouring", "emptying"] = Field(examples=["piling"])
-    base_diameter: Length = Field(examples=["90 mm"])
-    rim_height: Height = 0.0
-    outlet_diameter: Length | None = None
-    outlet_height: Length | None = None
-    tube_diameter: Length | None = None
-    lift_speed: Speed | None = None
-    drain_diameter: Length | None = None
-    count: Count | None = None
+    wall: Name = Field(examples=["steel"], description="material of the base")
+    variant: Literal["piling", "pouring", "emptying"] = Field(
+        examples=["piling"],
+        description=(
+            '"piling": poured on the base through a funnel; "pouring": a tube that is lifted; "emptying":'
+            " what stays in a container that is drained"
+        ),
+    )
+    base_diameter: Length = Field(examples=["90 mm"], description="of the base; of the container of an emptied one")
+    rim_height: Height = Field(default=0.0, description="of the rim above the base plate")
+    outlet_diameter: Length | None = Field(
+        default=None,
+        examples=["25 mm"],
+        description="piling: of the funnel; by default a quarter of the base, at least three particle diameters",
+    )
+    outlet_height: Length | None = Field(
+        default=None,
+        examples=["120 mm"],
+        description="piling: of a fixed funnel above the base; by default it rises with the heap",
+    )
+    tube_diameter: Length | None = Field(
+        default=None, examples=["50 mm"], description="pouring: of the tube, inside; by default half the base"
+    )
+    lift_speed: Speed | None = Field(
+        default=None, examples=["20 mm/s"], description="pouring: with which the tube is lifted; by default 20 mm/s"
+    )
+    drain_diameter: Length | None = Field(
+        default=None,
+        examples=["30 mm"],
+        description="emptying: of the hole in the container's floor; needed there",
+    )
+    count: Count | None = Field(
+        default=None, description="particles poured; by default from the volume of the filmed heap, else 1000"
+    )
 
     def faults(self) -> Iterable[tuple[str, str]]:
         if self.variant != "emptying":
@@ -498,46 +654,98 @@ class PileEntry(_ExperimentEntry):
 
 
 class TiltEntry(_ExperimentEntry):
+    """A plate is tilted until the body on it slides or rolls."""
+
     rig: Literal["tilt"]
-    wall: Name = Field(examples=["steel"])
-    variant: Literal["slide", "roll"] = Field(examples=["slide"])
-    arm_length: Length | None = None
-    speed: Tilting | None = None
+    wall: Name = Field(examples=["steel"], description="material of the plate, or a particle that covers it")
+    variant: Literal["slide", "roll"] = Field(
+        examples=["slide"], description='"slide": a body that slides (glued particles); "roll": a particle that rolls'
+    )
+    arm_length: Length | None = Field(
+        default=None, examples=["150 mm"], description="of the plate or arm, from hinge to tip"
+    )
+    speed: Tilting | None = Field(
+        default=None, description="with which the plate is tilted; by default as seen in the film, else 1 deg/s"
+    )
 
 
 class PackingEntry(_ExperimentEntry):
+    """A bed in a cylinder."""
+
     rig: Literal["packing"]
-    wall: Name = Field(examples=["PMMA"])
-    cylinder_diameter: Length = Field(examples=["65 mm"])
-    hopper_diameter: Length | None = None
-    outlet_diameter: Length | None = None
-    fall_height: Length | None = None
-    total_mass: Mass | None = None
-    count: Count | None = None
+    wall: Name = Field(examples=["PMMA"], description="material of the cylinder")
+    cylinder_diameter: Length = Field(examples=["65 mm"], description="inner diameter")
+    hopper_diameter: Length | None = Field(
+        default=None,
+        examples=["100 mm"],
+        description="inner diameter of a hopper above the cylinder; by default the particles rain from the outlet",
+    )
+    outlet_diameter: Length | None = Field(
+        default=None,
+        examples=["40 mm"],
+        description="of that hopper's slide, or of the funnel; by default 0.6 of the cylinder",
+    )
+    fall_height: Length | None = Field(
+        default=None, examples=["20 mm"], description="from the outlet to the cylinder's rim; by default 20 mm"
+    )
+    total_mass: Mass | None = Field(
+        default=None, examples=["212.7 g"], description="of all particles, weighed; the twin needs it or count"
+    )
+    count: Count | None = Field(default=None, description="number of all particles; the twin needs it or total_mass")
 
 
 class DrumEntry(_ExperimentEntry):
+    """A bed in a rotating drum."""
+
     rig: Literal["drum"]
-    wall: Name = Field(examples=["PMMA"])
-    drum_diameter: Length = Field(examples=["140 mm"])
-    speed: Turning = Field(examples=["3 rpm"])
-    depth: Length | None = None
-    fill: Fraction | None = None
-    count: Count | None = None
-    end_wall_friction: Friction | None = None
+    wall: Name = Field(examples=["PMMA"], description="material of the shell and the end walls")
+    drum_diameter: Length = Field(examples=["140 mm"], description="inner diameter")
+    speed: Turning = Field(examples=["3 rpm"], description="of rotation")
+    depth: Length | None = Field(
+        default=None, examples=["70 mm"], description="inner length along the axis; by default half the diameter"
+    )
+    fill: Fraction | None = Field(
+        default=None,
+        description="share of the drum's volume that the bed takes; by default as seen in the film, else 0.35",
+    )
+    count: Count | None = Field(default=None, description="number of all particles, in place of fill")
+    end_wall_friction: Friction | None = Field(
+        default=None, description="static friction of the end walls; by default that of the shell"
+    )
 
 
 class HopperEntry(_ExperimentEntry):
+    """A hopper that empties through its outlet."""
+
     rig: Literal["hopper"]
-    wall: Name = Field(examples=["PMMA"])
-    variant: Literal["slot", "conical"] = Field(examples=["slot"])
-    bin_width: Length | None = None
-    depth: Length | None = None
-    outlet: Length | None = None
-    cone_height: Length | None = None
-    inclination: Release | None = None
-    total_mass: Mass | None = None
-    count: Count | None = None
+    wall: Name = Field(examples=["PMMA"], description="material of the walls")
+    variant: Literal["slot", "conical"] = Field(
+        examples=["slot"],
+        description='"slot": two inclined walls between two upright plates; "conical": a cylinder on a cone',
+    )
+    bin_width: Length | None = Field(
+        default=None,
+        examples=["104 mm"],
+        description="inner width of the bin, or diameter of a conical one; by default 150 mm (100 mm)",
+    )
+    depth: Length | None = Field(
+        default=None,
+        examples=["68 mm"],
+        description="slot: length of the slot along the line of sight; by default 68 mm",
+    )
+    outlet: Length | None = Field(
+        default=None, examples=["34 mm"], description="width of the slot or diameter of the outlet; the twin needs it"
+    )
+    cone_height: Length | None = Field(
+        default=None, examples=["100 mm"], description="conical: of the cone; by default 100 mm"
+    )
+    inclination: Release | None = Field(
+        default=None, examples=["60 deg"], description="slot: of the walls from the level; by default 60 deg"
+    )
+    total_mass: Mass | None = Field(
+        default=None, examples=["85 g"], description="of all particles, weighed; the twin needs it or count"
+    )
+    count: Count | None = Field(default=None, description="number of all particles; the twin needs it or total_mass")
 
 
 ExperimentEntry = DropEntry | PendulumEntry | TiltEntry | PackingEntry | PileEntry | DrumEntry | HopperEntry
@@ -566,19 +774,93 @@ _SECTIONS: dict[str, type[_Entry]] = {
     "contacts": ContactEntry,
     "uncertainty": UncertaintyEntry,
 }
-_EXPERIMENTS: dict[str, type[_Entry]] = {
+_EXPERIMENTS: dict[str, type[_ExperimentEntry]] = {
     rig: entry for entry in get_args(ExperimentEntry) for rig in get_args(entry.model_fields["rig"].annotation)
 }
+
+_MISSING = "this key is missing"
+_MEANT = re.compile(r"unknown key; did you mean '(.+?)'\?")
 
 File = TypeVar("File", LabFile, ModelFile)
 
 
 def validated(document: Document, kind: type[File]) -> File:
-    """The document as `kind`.  Raises `BadLabFile` naming file, line and key."""
-    try:
-        return kind.model_validate(document.data)
-    except ValidationError as error:
-        raise document.error([_problem(details, kind) for details in error.errors()]) from None
+    """The document as `kind`.  Raises `BadLabFile` naming file, line and key of all that is wrong."""
+    read = repaired(document, kind)
+    if read.problems:
+        raise document.error(read.problems)
+    return read.file
+
+
+@dataclass(frozen=True)
+class Repaired(Generic[File]):
+    """A document in which examples stand for what is missing or wrong, so that the rest of it can be checked too."""
+
+    file: File
+    problems: list[Problem]
+    places: frozenset[Key]
+    """Keys of what was repaired."""
+
+    def touches(self, key: Key) -> bool:
+        """Whether a key, or a table that holds it, was repaired: what is wrong there is no fault of the document."""
+        return any(key[: len(place)] == place for place in self.places)
+
+    def touched_in(self, table: Key) -> bool:
+        """Whether a key of the table itself was repaired."""
+        return any(place[:-1] == table for place in self.places)
+
+
+def repaired(document: Document, kind: type[File]) -> Repaired[File]:
+    """The document as `kind`, with all that is missing, unknown or out of range."""
+    data = deepcopy(document.data)
+    problems: list[Problem] = []
+    places: set[Key] = set()
+    while True:
+        try:
+            file = kind.model_validate(data)
+            return Repaired(file, _without_consequences(problems), frozenset(places))
+        except ValidationError as error:
+            for details in error.errors():
+                problem = _problem(details, kind)
+                if problem in problems:  # it cannot be repaired
+                    raise document.error(problems) from None
+                problems.append(problem)
+                places.add(_repair(data, problem.key, details, kind))
+
+
+def _without_consequences(problems: Sequence[Problem]) -> list[Problem]:
+    """The problems without the missing keys that are there under a misspelt name."""
+    meant = {(*one.key[:-1], word[1]) for one in problems if (word := _MEANT.match(one.what))}
+    return [one for one in problems if not (one.key in meant and one.what.startswith(_MISSING))]
+
+
+def _repair(data: dict[str, Any], key: Key, details: ErrorDetails, kind: type[_Entry]) -> Key:
+    """Put the key's example in its place, or take it out where it has none; the place of what was repaired."""
+    if details["type"].startswith("union_tag") or (len(key) == 2 and key[0] == "experiments"):
+        key = key[:2]
+        value: Any = {name: example_of(DropEntry.model_fields[name]) for name in ("id", "particle", "wall")}
+        value |= {"rig": "drop", "repetitions": ["r01.mp4"]}
+    else:
+        section = kind if len(details["loc"]) == 1 else _section(details["loc"][:-1])
+        field = section.model_fields.get(str(key[-1])) if isinstance(key[-1], str) else None
+        value = "r01.mp4" if field is None else _stand_in(field)
+    *above, last = key
+    table: Any = data
+    for part in above:
+        table = table[part]
+    if value is None or details["type"] == "extra_forbidden":
+        table.pop(last, None)
+    else:
+        table[last] = value
+    return key
+
+
+def _stand_in(field: FieldInfo) -> Any:
+    """A value that a key may have; None where it can be left out."""
+    if not field.is_required():
+        return None
+    choices = get_args(field.annotation) if get_origin(field.annotation) is Literal else ()
+    return example_of(field) or choices[0]
 
 
 def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
@@ -589,7 +871,7 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
     name, given = str(place[-1]) if place else "", _shown(details["input"])
     match details["type"]:
         case "missing":
-            return Problem(key, f"this key is missing; add {name} = {_example(section, name)}.")
+            return Problem(key, f"{_MISSING}; add {name} = {_example(section, name)}.")
         case "extra_forbidden":
             return Problem(key, f"unknown key; {suggestion(name, section.model_fields)}.")
         case "value_error":
@@ -622,8 +904,38 @@ def _section(parent: Key) -> type[_Entry]:
 
 
 def _example(section: type[_Entry], name: str) -> str:
-    examples = section.model_fields[name].examples or ["..."]
-    return _toml(examples[0])
+    given = example_of(section.model_fields[name])
+    return toml("..." if given is None else given)
+
+
+def example_of(field: FieldInfo) -> Any:
+    """The example of a key, its own or that of its type; None where it has none."""
+    examples = field.examples or next((one.examples for one in _notes(field, FieldInfo) if one.examples), None)
+    return examples[0] if examples else None
+
+
+def dimension_of(field: FieldInfo) -> str:
+    """The key of `rigtwin.lab.units.DIMENSIONS` that a key's value has; empty where it is no quantity."""
+    return next((note.dimension for note in _notes(field, InSi)), "")
+
+
+Note = TypeVar("Note")
+
+
+def _notes(field: FieldInfo, kind: type[Note]) -> list[Note]:
+    """What is annotated of this kind: in the field, and in the types of a union."""
+    inner = [note for each in get_args(field.annotation) for note in getattr(each, "__metadata__", ())]
+    return [note for note in (*field.metadata, *inner) if isinstance(note, kind)]
+
+
+def experiment_entries() -> dict[str, type[_ExperimentEntry]]:
+    """The class of an experiment's keys, by rig."""
+    return dict(_EXPERIMENTS)
+
+
+def camera_rigs(name: str) -> tuple[str, ...]:
+    """Rigs that have a key of ``[experiments.camera]``; empty where all have it."""
+    return _ONLY_OF.get(name, ())
 
 
 def _shown(value: Any) -> str:
@@ -640,9 +952,18 @@ def _list_hint(section: type[_Entry], name: str) -> str:
     return f"{name} = {_example(section, name)}"
 
 
-def _toml(value: Any) -> str:
+def toml(value: Any) -> str:
+    """A value as TOML has it.
+
+    >>> toml({"bed_height": ["184 mm", 0.183], "averaged": True})
+    '{ bed_height = ["184 mm", 0.183], averaged = true }'
+    """
     if isinstance(value, list):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
+        return "[" + ", ".join(toml(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{name} = {toml(item)}" for name, item in value.items()) + " }"
+    if isinstance(value, bool):
+        return str(value).lower()
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 

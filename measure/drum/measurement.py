@@ -13,6 +13,7 @@ from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen, seeing
+from rigtwin.lab.media_files import PICTURES
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, doubted, failed
 from rigtwin.lab.records import Profile
@@ -37,7 +38,7 @@ from rigtwin.measure.drum.rim import Rim
 from rigtwin.measure.drum.rotation import stance_checks
 from rigtwin.measure.geometry.camera_roll import NOT_SEEN, nothing_level
 from rigtwin.measure.media.duplicate_frames import at_its_pace
-from rigtwin.measure.media.photo import PHOTOS, read_photo
+from rigtwin.measure.media.photo import read_photo
 from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
@@ -115,7 +116,7 @@ def measure(
     warnings: list[str] = []
     rate, spoilt = None, ""
     shown: Video | Image
-    if clip.suffix.lower() in PHOTOS:
+    if clip.suffix.lower() in PICTURES:
         shown, odd = read_photo(clip, camera)
         warnings += odd
         bed = bed_in_photo(clip, shown, camera, bead_share=share)

@@ -11,16 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.lab.media_files import FILMS, PICTURES, in_order
 from rigtwin.measure.media.picture_size import must_have_room
 from rigtwin.measure.media.pictures import (
     CUT_OFF,
-    FILMS,
-    STILLS,
     Picture,
     bit_shift,
     counted_pictures,
     eight_bit,
-    in_order,
     must_be_whole,
     spread,
     still,
@@ -34,7 +32,7 @@ class Stills(Apart):
     rate = tick = 0.0
 
     def __init__(self, path: Path) -> None:
-        self.files = sorted((file for file in path.iterdir() if file.suffix.lower() in STILLS), key=in_order)
+        self.files = sorted((file for file in path.iterdir() if file.suffix.lower() in PICTURES), key=in_order)
         if len(self.files) < 3:
             films = sorted(file.name for file in path.iterdir() if file.suffix.lower() in FILMS)
             advice = (
@@ -43,7 +41,7 @@ class Stills(Apart):
                 else "give a video, or a folder of numbered pictures"
             )
             raise UnreadableMedia(
-                f"{path}: is a folder with {counted_pictures(len(self.files))} ({', '.join(STILLS)}); {advice}."
+                f"{path}: is a folder with {counted_pictures(len(self.files))} ({', '.join(PICTURES)}); {advice}."
             )
         first = still(self.files[0])
         self.shape = (first.shape[0], first.shape[1])

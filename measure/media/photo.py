@@ -22,7 +22,6 @@ STRUCTURED = 0.3  # least power of the fine structure of a part, over the mean o
 # power of the difference of a part over that of its structure: below 0.02 in copies of JPEG quality 30 to 90, above 0.4
 # in some part of different pictures
 MOST_APART = 0.1
-PHOTOS = (".bmp", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 
 def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[str, ...]]:

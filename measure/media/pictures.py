@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,10 +22,6 @@ from rigtwin.measure.media.picture_size import must_be_small_enough
 
 Picture = tuple[GreyImage, Callable[[], Image]]
 """Brightness, shape (height, width), and a function that returns the BGR picture, shape (height, width, 3)."""
-
-STILLS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
-
-FILMS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".wmv", ".cine")
 
 STACKS = (".tif", ".tiff")
 
@@ -70,12 +65,6 @@ class Source(Protocol):
 
     def cheap(self, first: int, last: int) -> list[int]:
         """Indices from `first` to `last` that can be read without decoding others; empty if that saves nothing."""
-
-
-def in_order(file: Path) -> tuple[list[Any], str]:
-    """Natural sort key: img2 before img10."""
-    parts = re.split(r"(\d+)", file.name.lower())
-    return [(int(part) if part.isdigit() else 0, part) for part in parts], file.name
 
 
 def still(path: Path) -> npt.NDArray[Any]:

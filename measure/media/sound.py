@@ -10,11 +10,9 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.lab.media_files import SOUNDS
 from rigtwin.measure.media.container import open_container
 from rigtwin.measure.media.pictures import reason
-
-SOUNDS = (".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus")
-"""Suffixes of files that hold sound and no film."""
 
 LONGEST_SOUND = 3600.0  # [s], which at 48 kHz takes two gigabytes while it is evaluated
 

@@ -39,7 +39,7 @@ export function marks(parent, found, view, frame) {
     if (mark.view !== view) continue;
     const kind = mark.kind || "other";
     if (!mark.frames.length) still(parent, mark, kind);
-    else if (kind === "track") track(parent, mark, frame);
+    else if (kind === "track" || kind === "twin") track(parent, mark, frame, kind);
     else path(parent, mark.points.filter((_, k) => mark.frames[k] === frame), kind);
   }
 }
@@ -49,11 +49,11 @@ function still(parent, mark, kind) {
   else if (mark.points.length && mark.points[0]) circle(parent, mark.points[0], mark.radius || 5, kind);
 }
 
-function track(parent, mark, frame) {
+function track(parent, mark, frame, kind) {
   const inTrail = (k) => mark.frames[k] <= frame && mark.frames[k] >= frame - TRAIL;
-  path(parent, mark.points.filter((_, k) => inTrail(k)), "track");
+  path(parent, mark.points.filter((_, k) => inTrail(k)), kind);
   const at = mark.frames.indexOf(frame);
-  if (at >= 0 && mark.points[at]) circle(parent, mark.points[at], mark.radius, "track");
+  if (at >= 0 && mark.points[at]) circle(parent, mark.points[at], mark.radius, kind);
 }
 
 /** A short line for the legend. */

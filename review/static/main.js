@@ -12,6 +12,7 @@ const PASSING = 250; // [ms]
 
 const shown = { experiment: -1, repetition: -1, view: -1 };
 const results = new Map(); // experiment/repetition -> last result
+const twins = new Map(); // experiment/repetition -> its twin, with the key of the result that it belongs to
 let lab = null;
 let tool = null;
 let from = null; // first frame of a part that is about to be left out
@@ -59,12 +60,13 @@ function placed(key, points, index) {
   const kind = PLACES[key];
   const before = view().stated[key];
   let value;
-  if (kind.asks) {
-    const given = before === undefined ? "100 mm" : kind.given(before);
-    askLength(key, points, given);
+  const moved = before !== undefined && !tool; // by one of its handles: frame and length stay
+  if (kind.asks && !moved) {
+    askLength(key, points, before === undefined ? "100 mm" : kind.given(before));
     return;
   }
-  const text = kind.text(points, kind.framed && before !== undefined && !tool ? before.frame : stage.index);
+  const frame = kind.framed && moved ? before.frame : stage.index;
+  const text = kind.text(points, frame, moved ? kind.given?.(before) : undefined);
   if (kind.several) {
     value = (before ?? []).map((each) => kind.text(kind.shape(each)));
     value.splice(index < 0 ? value.length : index, 1, text);
@@ -164,7 +166,7 @@ function showAll() {
   }, each.name.split("/").pop())) : []));
   $("film").hidden = view().kind !== "clip"; // before the picture comes, which must not move then
   showVerdict(view());
-  showTwin(lab.compared, experiment().id);
+  showTwinPart();
   stage.stated = view().stated;
   stage.keys = experiment().keys;
   showTools(experiment().keys, view(), { tool, choose, remove });
@@ -192,6 +194,40 @@ function showList() {
   ]));
 }
 
+/** The twin of this very clip, where it was run for the settings that are shown. */
+const beside = () => {
+  const known = twins.get(place());
+  return known && known.key === results.get(place())?.key ? known : null;
+};
+
+function showTwinPart() {
+  const canRun = experiment().twin_in_step && view().kind === "clip";
+  showTwin(lab.compared, experiment().id, { canRun, beside: canRun ? beside() : null });
+}
+
+/** Run the twin of this clip; it is drawn in each frame beside what was measured. */
+async function runTwin() {
+  const [key, result] = [place(), results.get(place())];
+  if (!result || result.refused || $("twin-run-row").hidden) return;
+  $("twin-state").textContent = "(the twin runs ...)";
+  try {
+    const found = await get(`/api/twin/${key}`);
+    twins.set(key, { ...found, key: result.key });
+  } catch (error) {
+    problem(error);
+  }
+  if (key !== place()) return;
+  showTwinPart();
+  showMarks();
+}
+
+/** The lines of what was measured, and of the twin where there is one. */
+function showMarks() {
+  stage.marks = [...(results.get(place())?.marks ?? []), ...(beside()?.marks ?? [])];
+  showLegend(stage.marks.filter((mark) => mark.view === shown.view), view().stated);
+  stage.draw();
+}
+
 /** Ask for the measurement; the server answers as soon as it is there. */
 async function showMeasured(passing = false) {
   waiting?.abort();
@@ -211,10 +247,9 @@ async function showMeasured(passing = false) {
   results.set(key, result);
   showResult(result, before?.key === result.key ? before.before : before);
   result.before = before?.key === result.key ? before.before : before;
-  stage.marks = result.marks;
   showList();
-  showLegend(stage.marks.filter((mark) => mark.view === shown.view), view().stated);
-  stage.draw();
+  showTwinPart();
+  showMarks();
   if (stage.film && result.frame) stage.show(result.frame);
 }
 
@@ -280,6 +315,7 @@ const KEYS = {
   p: () => step(-1),
   m: () => { stage.marksShown = !stage.marksShown; stage.draw(); },
   r: () => $("reason").focus(),
+  t: runTwin,
   "?": () => $("help").showModal(),
   "+": () => stage.zoomBy(1.25),
   "-": () => stage.zoomBy(0.8),
@@ -318,6 +354,7 @@ document.addEventListener("keydown", (event) => {
 $("undo").addEventListener("click", undo);
 $("help-open").addEventListener("click", () => $("help").showModal());
 $("play").addEventListener("click", play);
+$("twin-run").addEventListener("click", runTwin);
 $("slider").addEventListener("input", () => stage.show(Number($("slider").value)));
 $("set-start").addEventListener("click", () => set("start", `${stage.index}f`));
 $("set-end").addEventListener("click", () => set("end", `${stage.index}f`));

@@ -18,7 +18,7 @@ export function node(name, attributes = {}, ...inner) {
 const WORDS = {
   track: "place in each frame", fit: "fitted path", outline: "outline", base: "base or floor",
   graphical: "graphical: line along the slope", geometric: "geometric: foot to apex", plate: "plate", slot: "slot",
-  circle: "wall or rim", contact: "contact", pivot: "pivot", stated: "stated in lab.toml",
+  circle: "wall or rim", contact: "contact", twin: "twin", pivot: "pivot", stated: "stated in lab.toml",
 };
 
 // ------------------------------------------------------------------------------------------------------- numbers
@@ -120,11 +120,14 @@ export function showParts(view, times, actions) {
 
 // ------------------------------------------------------------------------------------------------- beside the twin
 
-/** What the last comparison found of an experiment. */
-export function showTwin(compared, id) {
-  const rows = compared.rows?.[id] ?? [];
-  $("twin-part").hidden = !rows.length;
-  $("twin-old").hidden = !compared.changed_since;
+/** A repetition beside its twin that was run here, or what the last comparison found of the experiment. */
+export function showTwin(compared, id, { canRun, beside }) {
+  const rows = beside?.rows ?? compared.rows?.[id] ?? [];
+  $("twin-part").hidden = !rows.length && !canRun;
+  $("twin-run-row").hidden = !canRun || Boolean(beside);
+  $("twin-old").hidden = !compared.changed_since || !compared.rows?.[id] || Boolean(beside);
+  $("twin-state").textContent = beside?.refused ?? (!rows.length || beside ? "" : "(last comparison)");
+  $("twin").hidden = !rows.length;
   $("twin").tBodies[0].replaceChildren(...rows.map((row) => node("tr", { title: row.verdict },
     node("td", {}, row.title, node("small", { class: "faint" }, ` ${row.method}`)),
     node("td", {}, row.measured), node("td", {}, row.simulated), node("td", {}, row.deviation))));

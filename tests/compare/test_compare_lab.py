@@ -282,7 +282,7 @@ def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
         "pendulum", Path("swing.mp4"), "0" * 64, (angle,), camera={"frame_rate_hz": 240}, files=files
     )
     twin = twin_of(experiment, model=read_lab(lab).model, measurements=[measurement])
-    outcome = subject.Outcome(experiment, (measurement,), (), twin, ())
+    outcome = subject.Outcome(experiment, (measurement,), (), (twin,), ())
     whole = subject.Comparison(read_lab(lab), (outcome,), 1, datetime.now(UTC))
     from rigtwin.compare.report.page import report
 
@@ -345,13 +345,18 @@ def test_an_experiment_without_any_usable_repetition_is_an_error_that_leaves_old
     assert {name: (out / name).read_bytes() for name in FILES} == before
 
 
-def test_a_twin_without_its_restitution_is_refused_before_any_work(lab):
+def test_an_experiment_whose_twin_lacks_its_restitution_is_measured_without_a_twin(lab, tmp_path):
     text = (lab / "lab.toml").read_text()
     unknown = lab / "unknown.toml"
     unknown.write_text(text.replace("restitution = 0.70", ""))
-    with pytest.raises(BadInput, match=r"pair/1.*restitution.*bead-bead"):
-        compare(unknown, lab / "never", workers=1)
-    assert not (lab / "never").exists()
+    found = compare(unknown, tmp_path / "out", workers=1)
+    (outcome,) = found.outcomes
+    lacking = "it needs the restitution of the contact bead-bead (give it under [contacts.bead-bead])"
+    assert (outcome.without_twin, outcome.twins) == (lacking, ())
+    assert {row.verdict for row in found.deviations} == {"no twin value"}
+    assert all(f"no twin: {lacking}" in row.note for row in found.deviations)
+    assert found.headline.endswith("without a twin: pair/1.")
+    assert lacking in (tmp_path / "out/report.html").read_text()
 
 
 BARE = """
@@ -370,7 +375,6 @@ repetitions = ["clip.avi"]
         ("rig='drop'\ndrop_height='1 m'\ncamera.frame_rate='1e7 Hz'", ["experiment 1: the twin", "frame rate"]),
         ("rig='hopper'\nvariant='slot'\noutlet='2 mm'\ncount=90", ["line 9: experiment 1, outlet: the twin"]),
         ("rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'\ncount=9999", ["line 10: experiment 1, count: the twin"]),
-        ("rig='packing'\ncylinder_diameter='65 mm'", ["experiment 1: the twin", "add total_mass or count"]),
         ("rig='packing'\ncylinder_diameter='65 mm'\ntotal_mass='1 mg'", ["experiment 1, total_mass: the twin", "half"]),
         ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
         ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start and end leave"]),
@@ -385,7 +389,7 @@ def test_impossible_settings_are_refused_with_their_line_before_anything_is_meas
         clip.write(np.full((60, 80, 3), 90, np.uint8))
     clip.release()
     (tmp_path / "lab.toml").write_text(BARE + keys)
-    monkeypatch.setattr(subject_compare_lab, "measuring", lambda *_: pytest.fail("something was measured"))
+    monkeypatch.setattr(subject_compare_lab, "measuring", lambda *_, **__: pytest.fail("something was measured"))
     with pytest.raises(BadLabFile) as refusal:
         compare(tmp_path, tmp_path / "out")
     assert str(refusal.value).startswith(f"{tmp_path / 'lab.toml'}, line ")
@@ -436,7 +440,7 @@ def test_an_interrupted_comparison_continues_with_its_kept_twins(tmp_path):
     whole = compare(tmp_path, tmp_path / "whole", lambda *_: looks.append(1), workers=1, threads=1)
     resumed = compare(tmp_path, out, lambda *_: more.append(1), workers=1, threads=1)
     assert len(more) < len(looks)
-    values = [[q.value for q in one.outcomes[0].twin.evaluation.quantities] for one in (whole, resumed)]
+    values = [[q.value for q in one.outcomes[0].twins[0].evaluation.quantities] for one in (whole, resumed)]
     assert values[0] == values[1]
     assert not (out / "unfinished").exists()
 
@@ -445,7 +449,7 @@ def test_an_interrupted_comparison_continues_with_its_kept_twins(tmp_path):
     kept.write_bytes(kept.read_bytes()[:1000])  # damaged: starts again
     (out / "unfinished/notes.txt").write_text("mine")
     again = compare(tmp_path, out, workers=1, threads=1)
-    assert [q.value for q in again.outcomes[0].twin.evaluation.quantities] == values[0]
+    assert [q.value for q in again.outcomes[0].twins[0].evaluation.quantities] == values[0]
     assert [path.name for path in (out / "unfinished").iterdir()] == ["notes.txt"]
 
 
@@ -502,10 +506,10 @@ def untimed(settings):
 def test_a_run_of_several_that_fails_is_named(tmp_path, capsys):
     lab = bed_lab(tmp_path)
     (lab / "lab.toml").write_text((lab / "lab.toml").read_text().replace("count=80", "count=3"))
-    assert run(["compare", str(lab), "--runs", "2"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert "the twin of one, seed 1: a count of 3 makes no bed" in said
+    assert run(["compare", str(lab), "--runs", "2", "--json"]) == 0
+    (one,) = json.loads(capsys.readouterr().out)["experiments"]
+    assert one["without_twin"].startswith("the twin failed: a count of 3 makes no bed")
+    assert one["twins"] == []
 
 
 @pytest.mark.parametrize(

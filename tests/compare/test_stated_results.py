@@ -2,15 +2,18 @@
 
 import csv
 import json
+import math
 from dataclasses import asdict
 
 import pandas as pd
 import pytest
+from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from rigtwin.cli import run
 from rigtwin.compare.compare_lab import compare
 from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.reference.repetition_scatter import published_scatter
 from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.rigs import (
     DropSettings,
@@ -120,10 +123,13 @@ def test_every_quantity_of_every_rig_can_be_stated_and_has_its_twin(tmp_path):
     assert without == {("sphere", "all directions")}, "a sphere does not leave the plate sideways"
     for row in found.deviations:
         assert (row.measured, row.measured_std, row.measured_n) == (0.5, pytest.approx(0.1), 4)
-        assert row.measured_std_uncertainty == pytest.approx(0.05)
+        prior = published_scatter(row.rig, row.quantity)
+        freedom = prior.freedom + 3
+        variance = (prior.freedom * (0.5 * prior.relative) ** 2 + 3 * 0.1**2) / freedom
+        assert row.measured_std_uncertainty == pytest.approx(math.sqrt(variance / 4))
         assert row.note.startswith("the measured value is stated in lab.toml")
         if row.experiment == "sphere" and row.simulated is not None:
-            assert row.coverage_factor == pytest.approx(3.182, rel=0.01), "Student's t with three degrees of freedom"
+            assert row.coverage_factor == pytest.approx(stats.t.ppf(0.975, freedom), rel=0.01)
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -136,10 +142,12 @@ def test_a_lab_without_media_is_compared_and_says_what_is_stated(tmp_path, capsy
     height, density = found["deviations"]
     assert (height["measured"], height["measured_n"]) == (0.014, 4)
     assert height["measured_std"] == pytest.approx(0.4e-3)
-    assert height["measured_std_uncertainty"] == pytest.approx(0.2e-3)
+    assert 0.01 * 14e-3 / 2 < height["measured_std_uncertainty"] < 0.2e-3, "between published and own scatter"
+    assert "4 measured repetitions and 2 simulated beds: a scatter of" in height["note"]
     assert height["percent_deviation"] == pytest.approx(100 * (height["simulated"] / 0.014 - 1))
-    assert (density["measured_n"], density["measured_std_uncertainty"]) == (1, 9)
-    assert "one bed measured" in density["note"], "without n it is a single repetition"
+    single = math.hypot(9, 240 * published_scatter("packing", "bulk_density").relative)
+    assert (density["measured_n"], density["measured_std_uncertainty"]) == (1, pytest.approx(single))
+    assert "1 measured repetition and 2 simulated beds: a scatter of 1 %" in density["note"]
     (bed,) = found["experiments"]
     assert [one["stated"] for one in bed["stated"]] == ["in lab.toml"] * 2
     assert bed["measurements"] == []
@@ -223,6 +231,21 @@ def test_stated_values_are_targets_and_priors_of_a_calibration(parameter, other,
 
 
 @pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (DROP + stated('restitution_wall = "0.4 +- 0.1"'), "drop height, which is not stated"),
+        (BED.replace("count = 60", "") + stated('bed_height = "14 +- 1 mm"'), "add total_mass or count"),
+    ],
+)
+def test_what_the_twin_lacks_is_said_and_the_stated_value_stands_alone(text, why, tmp_path, capsys):
+    lab = write(tmp_path / "lab", text)
+    assert run(["compare", str(lab), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert why in found["experiments"][0]["without_twin"]
+    assert [row["verdict"] for row in found["deviations"]] == ["no twin value"]
+
+
+@pytest.mark.parametrize(
     ("text", "key", "why"),
     [
         (BED, "experiment 1, repetitions", "or state results under [experiments.measured]"),
@@ -234,8 +257,6 @@ def test_stated_values_are_targets_and_priors_of_a_calibration(parameter, other,
         (BED + stated('bed_height = "14 +- 1 kg"'), "measured.bed_height", "'14 +- 1 kg' has the wrong unit for a"),
         (BED + stated('bed_height = "14 mm"'), "measured.bed_height", "like '6.2 +- 0.31 mm (n = 10)'"),
         (BED + stated('camera.bed = "14 mm"'), "measured.camera", "no result of a packing"),
-        (DROP + stated('restitution_wall = "0.4 +- 0.1"'), "drop_height", "the twin starts from it"),
-        (BED.replace("count = 60", "") + stated('bed_height = "14 +- 1 mm"'), "", "add total_mass or count"),
         (
             BED + 'camera = { scale = "0.2 mm/px" }\n' + stated('bed_height = "14 +- 1 mm"'),
             "camera.scale",

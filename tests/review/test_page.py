@@ -1,6 +1,7 @@
 """What a person does on the page of `rigtwin review`, in a headless browser, and what stands in lab.toml then."""
 
 import json
+import math
 import re
 import shutil
 from collections.abc import Iterator
@@ -199,6 +200,27 @@ def test_a_clip_is_scrubbed_with_slider_and_keys(opened):
     playwright.expect(opened.page.locator("#when")).to_contain_text("0.2500 s")
 
 
+def test_the_twin_of_a_clip_is_played_in_step_with_it(opened):
+    opened.show("r02.mp4")
+    opened.measured()
+    opened.page.keyboard.press("t")
+    rebound = opened.page.locator("#twin tr", has_text="Rebound height, bounce 1")
+    rebound.wait_for(timeout=60_000)
+    shown = {}
+    for frame in (60, 63):
+        opened.page.locator("#slider").evaluate(
+            "(it, to) => { it.value = to; it.dispatchEvent(new Event('input')); }", frame
+        )
+        opened.frame(frame)
+        twin, seen = (
+            opened.page.locator(f"#overlay circle.{kind}").evaluate("it => [it.cx.baseVal.value, it.cy.baseVal.value]")
+            for kind in ("twin", "track")
+        )
+        shown[frame] = twin
+        assert math.dist(twin, seen) < 20
+    assert shown[60] != shown[63]
+
+
 def test_a_clip_is_rejected_with_a_reason_and_accepted_again(opened):
     opened.show("r02.mp4")
     opened.page.keyboard.press("r")
@@ -251,6 +273,10 @@ def test_a_known_length_is_dragged_and_then_written(opened):
     length = read_lab(opened.lab).experiment("heap").camera.known_length
     assert length.length == 0.09
     assert (*length.start, *length.end) == pytest.approx((181, 433, 790, 439), abs=1.5)
+    opened.drag(length.end, (700, 300))
+    moved = read_lab(opened.lab).experiment("heap").camera.known_length
+    assert (moved.length, moved.start) == (0.09, length.start)
+    assert moved.end == pytest.approx((700, 300), abs=1.5)
 
 
 def test_each_place_is_written_under_its_own_key(opened):

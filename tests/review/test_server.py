@@ -138,6 +138,7 @@ def test_the_page_itself_may_change_lab_toml_and_take_it_back(ask, lab):
         "/frame/0/0/-1/0",
         "/frame/1/0/0/0",
         "/api/media/0/7/0",
+        "/api/twin/0/0",
     ],
 )
 def test_only_files_of_the_lab_are_handed_out(ask, path):

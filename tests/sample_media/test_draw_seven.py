@@ -69,4 +69,4 @@ def test_the_whole_lab_stands_beside_its_twins(tmp_path):
     assert all(row["distance_rms"] > 0 for row in document["shapes"])
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("with the twin laid over it") == len(RIGS)
-    assert all(outcome.twin.evaluation.quantities for outcome in compared.outcomes)
+    assert all(outcome.twins[0].evaluation.quantities for outcome in compared.outcomes)

@@ -173,7 +173,8 @@ def test_a_drop_neither_stated_nor_measured_is_refused_with_the_key_to_add():
 @pytest.mark.parametrize(
     ("rig", "frame_rate", "waits"),
     [
-        (PileSettings(0.09), None, False),
+        (PileSettings(0.09), None, True),
+        (PileSettings(0.09, count=500), None, False),
         (DropSettings(0.3), 240.0, False),
         (DropSettings(0.3), None, True),
         (DropSettings(), 240.0, True),

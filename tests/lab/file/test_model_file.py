@@ -50,7 +50,7 @@ def test_a_model_comes_back_from_its_file_as_it_was_written(model, tmp_path_fact
 def test_a_model_file_with_an_unknown_key_is_refused_with_its_line(tmp_path):
     path = tmp_path / "model.toml"
     path.write_text("[effects]\n[materials.ash]\ndensty = 1\n")
-    with pytest.raises(BadLabFile, match=r"model\.toml, line 3: materials\.ash\.densty.*mean 'density'.*3 more"):
+    with pytest.raises(BadLabFile, match=r"model\.toml has 3 faults: line 3: materials\.ash\.densty.*'density'"):
         read_model(path)
 
 

@@ -107,3 +107,36 @@ def test_details_and_ranges_are_those_of_the_rig(rig, name, given, why):
     with pytest.raises(BadInput) as refused:
         stated_quantities(name, given, rig)
     assert why in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("entry", "mean", "std", "n"),
+    [
+        ("184, 183, 185 mm", 0.184, 1e-3, 3),
+        (["184 mm", "183 mm", "18.5 cm"], 0.184, 1e-3, 3),
+        ("184; 183; 184; 185; 184 mm", 0.184, math.sqrt(0.5) * 1e-3, 5),
+        ("184, 184 mm", 0.184, 1e-3 / math.sqrt(12), 2),  # rounded to millimetres
+        ({"value": "184.0, 186.0 mm", "method": "outline"}, 0.185, math.sqrt(2) * 1e-3, 2),
+    ],
+)
+def test_values_of_single_repetitions_are_a_mean_with_its_scatter(entry, mean, std, n):
+    (one,) = stated_quantities("bed_height", entry, BED)
+    assert (one.value, one.n) == (pytest.approx(mean), n)
+    assert one.std_uncertainty == pytest.approx(std / math.sqrt(n))
+
+
+@pytest.mark.parametrize(
+    ("entry", "why"),
+    [
+        (["184 mm"], "is one repetition"),
+        ([184, 183], "has no unit"),
+        ("18,4, 18,5 mm", "'18,4' is no value"),
+        ("184, x mm", "is not a length"),
+        ("184, 183 kg", "wrong unit"),
+        ("18,4 mm", "has no uncertainty"),
+        ([], "is empty"),
+    ],
+)
+def test_what_are_no_values_of_single_repetitions_is_refused(entry, why):
+    with pytest.raises(BadInput, match=why):
+        stated_quantities("bed_height", entry, BED)

@@ -22,6 +22,7 @@ from rigtwin.measure.pendulum.measurement import measure
 from rigtwin.measure.pendulum.swing_fit import StatedPivots, fit_swings
 
 GRAVITY = 9.81
+WHOLE = SimpleNamespace(first=0, last=99, skipped=frozenset(), excluded=frozenset())  # a film without repeats
 
 
 @dataclass(frozen=True)
@@ -714,7 +715,7 @@ def test_lens_drag_and_a_long_contact_are_no_lost_frames(barrel):
     assert find_losses(tracks[0].time, bent, lambda each: fit_swings(each, axis=tuple(axis)))[0] == ()
     (one,), _ = find_losses(times, held, lambda each: fit_swings(each, axis=tuple(axis)))
     assert (one.frames, one.sure) == (-1, False)
-    assert "contact lasts" in timing_check(SimpleNamespace(first=0, last=99, skipped=()), (one,)).message
+    assert "contact lasts" in timing_check(WHOLE, (one,)).message
 
 
 def test_a_time_shift_by_a_fraction_of_a_frame_is_not_corrected():
@@ -723,7 +724,7 @@ def test_a_time_shift_by_a_fraction_of_a_frame_is_not_corrected():
     losses, _ = find_losses(late[0].time, late, fit_swings)
     assert len(losses) == 1
     assert not losses[0].sure
-    assert not timing_check(SimpleNamespace(first=0, last=99, skipped=()), losses).passed
+    assert not timing_check(WHOLE, losses).passed
 
 
 @pytest.mark.slow

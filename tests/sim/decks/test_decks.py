@@ -292,6 +292,7 @@ def test_compare_takes_a_deck_that_has_run_as_the_twin_and_refuses_another_rig(t
     (good / END).write_text(dump([1000], [bed()]))
     write(other, replace(deck("lammps", "packing"), rig=Packing(0.06, 0.1)))
     found = compare(lab, tmp_path / "out", simulated={"bed": good})
+    assert not any("assumes" in row.note for row in found.deviations), "the deck states all settings"
     assert "the twin was computed by LAMMPS" in found.remarks[0]
     assert "computed by LAMMPS" in (tmp_path / "out" / "report.html").read_text()
     heights = [row.simulated for row in found.deviations if row.quantity == "bed_height"]

@@ -1,0 +1,212 @@
+"""Measurements that are kept beside the results, so that no repetition is measured twice.
+
+A measurement is found again by a digest of its media, of all settings that it depends on, and of the program.  It is
+used as long as the pictures that were written with it are there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rigtwin.compare.result_files import plain
+from rigtwin.lab.camera import Camera
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.input_files import lies_outside
+from rigtwin.lab.output_files import replacing
+from rigtwin.lab.quantity import Check, Measurement, Quantity
+from rigtwin.lab.records import Profile, Series, Track
+from rigtwin.lab.version import __version__
+
+FOLDER = "measured"  # in the folder of results
+_RECORDS: Mapping[str, tuple[type[Any], tuple[str, ...]]] = {
+    "tracks": (Track, ("time", "position", "sigma")),
+    "profiles": (Profile, ("x", "height", "sigma")),
+    "series": (Series, ("time", "value")),
+}
+"""Records of a measurement, each with the fields that are arrays."""
+_KNOWN = frozenset(
+    (
+        "id",
+        "rig",
+        "particle",
+        "wall",
+        "camera",
+        "cameras",
+        "rejected",
+        "repetitions",
+        "table",
+        "outside",
+        "measured",
+        "scatter",
+    )
+)
+"""Fields of an experiment that do not count in measuring, or are in the key already."""
+
+
+class KeptMeasurements:
+    """The measurements that are kept in a folder of results, one JSON document each, with arrays beside it.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of results.
+    again : bool
+        Whether all are measured again.
+    """
+
+    def __init__(self, out: Path, *, again: bool = False) -> None:
+        self._out = out
+        self._again = again
+
+    def key(self, experiment: Experiment, views: Sequence[Path], known: Mapping[str, Any]) -> str:
+        """Digest of what decides the measurement of a repetition.
+
+        `known` are the keyword arguments of the rig's `measure`.
+        """
+        names = {one.name for one in fields(experiment)} - _KNOWN
+        further = {name: _of_views(getattr(experiment, name), views) for name in names}
+        settings = {
+            **further,
+            "rig": experiment.rig_name,
+            "known": dict(known),
+            "cameras": [_plain(experiment.camera_of(view)) for view in views],
+            "table": asdict(experiment.table),
+            "files": [view.name for view in views],
+            "content": [sha256(view) for view in views],
+            "version": __version__,
+            "code": code_digest(),
+        }
+        return hashlib.sha256(json.dumps(plain(settings), sort_keys=True).encode()).hexdigest()[:20]
+
+    def find(self, key: str, views: Sequence[Path]) -> Measurement | str | None:
+        """The measurement, or why it failed; None where neither is known."""
+        if self._again:
+            return None
+        try:
+            document = json.loads(self._place(key, ".json").read_text(encoding="utf-8"))
+            if "failed" in document:
+                return str(document["failed"])
+            content = io.BytesIO(self._place(key, ".npz").read_bytes())  # a damaged file would stay open
+            with np.load(content, allow_pickle=False) as file:
+                found = _measurement(document, dict(file), views[0], self._out)
+        except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile):  # none, or damaged
+            return None
+        pictures = found.files.values()
+        return found if all(path.is_file() and not lies_outside(path, self._out) for path in pictures) else None
+
+    def keep(self, key: str, found: Measurement | str) -> None:
+        """Keep a measurement, or why it failed."""
+        (self._out / FOLDER).mkdir(parents=True, exist_ok=True)
+        if isinstance(found, str):
+            result: dict[str, Any] = {"failed": found}
+        else:
+            result, arrays = _result(found, self._out)
+            with replacing(self._place(key, ".npz")) as part, part.open("wb") as file:
+                np.savez_compressed(file, **arrays)
+        with replacing(self._place(key, ".json")) as part:
+            part.write_text(json.dumps(plain(result), ensure_ascii=False), encoding="utf-8")
+
+    def _place(self, key: str, suffix: str) -> Path:
+        return self._out / FOLDER / f"{key}{suffix}"
+
+
+def _plain(camera: Camera) -> dict[str, Any]:
+    """The camera with the content of its board's photo in place of the name."""
+    settings = asdict(camera)
+    if camera.board is not None:
+        settings["board"]["photo"] = sha256(camera.board.photo)
+    return settings
+
+
+def _of_views(value: Any, views: Sequence[Path]) -> Any:
+    """What a field says of these files, where it says something of each file."""
+    if isinstance(value, Mapping) and all(isinstance(name, Path) for name in value):
+        return {view.name: value[view] for view in views if view in value}
+    return value
+
+
+@cache
+def code_digest() -> str:
+    """Digest of the code and models that measure, which change within a version while it is developed."""
+    whole = hashlib.sha256()
+    package = Path(__file__).resolve().parents[1]
+    for folder in ("lab", "measure"):
+        for file in sorted((package / folder).rglob("*")):
+            if file.suffix in (".py", ".onnx"):
+                whole.update(f"{file.relative_to(package).as_posix()}\n".encode())
+                whole.update(file.read_bytes())
+    return whole.hexdigest()
+
+
+def _result(found: Measurement, out: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The document of a measurement, and its arrays."""
+    result: dict[str, Any] = {
+        "rig": found.rig,
+        "sha256": found.source_sha256,
+        "quantities": [asdict(one) for one in found.quantities],
+        "checks": [asdict(one) for one in found.checks],
+        "warnings": list(found.warnings),
+        "camera": dict(found.camera),
+        "table": dict(found.table),
+        "files": {kind: path.resolve().relative_to(out.resolve()).as_posix() for kind, path in found.files.items()},
+    }
+    arrays: dict[str, Any] = {}
+    for kind, (_, names) in _RECORDS.items():
+        records = getattr(found, kind)
+        result[kind] = [
+            {name: value for name, value in vars(record).items() if name not in names} for record in records
+        ]
+        for number, record in enumerate(records):
+            arrays |= {f"{kind}_{number}_{name}": np.asarray(getattr(record, name)) for name in names}
+    return result, arrays
+
+
+def _measurement(result: Mapping[str, Any], arrays: Mapping[str, Any], source: Path, out: Path) -> Measurement:
+    records: dict[str, tuple[Any, ...]] = {}
+    for kind, (record, names) in _RECORDS.items():
+        records[kind] = tuple(
+            record(**_tupled(one), **{name: arrays[f"{kind}_{number}_{name}"] for name in names})
+            for number, one in enumerate(result[kind])
+        )
+    return Measurement(
+        result["rig"],
+        source,
+        result["sha256"],
+        tuple(_quantity(one) for one in result["quantities"]),
+        tuple(
+            Check(**{**one, **{name: _number(one[name]) for name in ("value", "expected")}}) for one in result["checks"]
+        ),
+        tuple(result["warnings"]),
+        result["camera"],
+        table=result["table"],
+        files={kind: out / path for kind, path in result["files"].items()},
+        **records,
+    )
+
+
+def _quantity(one: Mapping[str, Any]) -> Quantity:
+    numbers = {name: _number(one[name]) for name in ("value", "std_uncertainty")}
+    budget = {part: _number(value) for part, value in one["budget"].items()}
+    detail = {name: _number(value) for name, value in one["detail"].items()}
+    return Quantity(**{**one, **numbers, "budget": budget, "detail": detail})
+
+
+def _tupled(values: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON has lists in place of tuples."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+
+
+def _number(value: Any) -> Any:
+    """JSON has null in place of a number that is not finite."""
+    return float("nan") if value is None else value

@@ -1,0 +1,160 @@
+"""Measure all repetitions of a lab, without its twins; what is kept in the folder of results is not measured again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rigtwin.compare import result_files
+from rigtwin.compare.chosen import chosen
+from rigtwin.compare.deviation import Deviation, deviations
+from rigtwin.compare.kept_measurements import FOLDER as KEPT
+from rigtwin.compare.measure_repetitions import Measured, folders, measuring
+from rigtwin.compare.preflight import need_fitting_media
+from rigtwin.lab.file.lab_file import Lab, read_lab
+from rigtwin.lab.output_files import remove_leftovers
+from rigtwin.lab.progress import Progress, silent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class LabMeasurements:
+    """What the repetitions of a lab gave."""
+
+    lab: Lab
+    measured: tuple[Measured, ...]
+    """By experiment, in the order of the lab file."""
+    files: dict[str, Path] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """Every quantity of every repetition, and those that lab.toml states."""
+        found = []
+        for one in self.measured:
+            name, rig = one.experiment.id, one.experiment.rig_name
+            for item in one.measurements:
+                source = result_files.relative(item.source, self.lab.folder)
+                found += [result_files.observation(name, rig, "measured", source, each) for each in item.quantities]
+            stated = one.experiment.measured
+            found += [result_files.observation(name, rig, "stated", self.lab.path.name, each) for each in stated]
+        return found
+
+    @property
+    def means(self) -> tuple[Deviation, ...]:
+        """The repetitions of each experiment combined; without simulated values."""
+        return tuple(
+            row
+            for one in self.measured
+            for row in deviations(
+                one.experiment.id,
+                one.experiment.rig_name,
+                one.quantities,
+                (),
+                without_twin="only measured",
+            )
+        )
+
+    @property
+    def warnings(self) -> list[str]:
+        """Repetitions that could not be measured, and warnings of the others."""
+        found = []
+        for one in self.measured:
+            name = one.experiment.id
+            found += [
+                f"{name}: {failure.source.name} could not be measured: {failure.message}" for failure in one.failures
+            ]
+            found += [f"{name}: {item.source.name}: {each}" for item in one.measurements for each in item.warnings]
+        return found
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return every quantity of every repetition as a table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns of ``measurements.csv``.
+        """
+        import pandas as pd
+
+        return pd.DataFrame(self.rows, columns=list(result_files.OBSERVATION_COLUMNS))
+
+    def to_json(self) -> dict[str, Any]:
+        """The document of `rigtwin measure LAB --json`."""
+        return {
+            "title": self.lab.title,
+            "lab": str(self.lab.path.resolve()),
+            "experiments": [
+                {
+                    "id": one.experiment.id,
+                    "rig": one.experiment.rig_name,
+                    "stated": [quantity.to_json() for quantity in one.experiment.measured],
+                    "measurements": [item.to_json() for item in one.measurements],
+                    "failures": [{"file": str(item.source), "message": item.message} for item in one.failures],
+                }
+                for one in self.measured
+            ],
+            "files": {name: str(path) for name, path in self.files.items()},
+        }
+
+
+def measure_lab(
+    lab_folder: Path,
+    out: Path,
+    progress: Progress = silent,
+    *,
+    only: Sequence[str] | None = None,
+    workers: int | None = None,
+    again: bool = False,
+    allow_outside: bool = False,
+) -> LabMeasurements:
+    """Measure all repetitions of a lab and write the results.
+
+    Parameters
+    ----------
+    lab_folder : Path
+        Folder with a lab.toml.
+    out : Path
+        Folder for measurements.csv, measurements.json and pictures; `rigtwin.compare.compare_lab.compare` uses what is
+        kept there.
+    progress : Progress
+        Called with step, number and count.
+    only : sequence of str, optional
+        Names of the experiments; all by default.
+    workers : int, optional
+        Number of measuring processes, one for each core by default.
+    again : bool
+        Whether repetitions are measured again that are kept in `out`.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
+
+    Returns
+    -------
+    LabMeasurements
+        Measurements by experiment, with the repetitions that could not be measured.
+
+    Raises
+    ------
+    BadLabFile
+        If lab.toml is not valid.
+    """
+    lab = read_lab(lab_folder, allow_outside=allow_outside)
+    experiments = chosen(lab, only)
+    need_fitting_media(lab, experiments)
+    with result_files.claimed(out):
+        for place in (*folders(experiments), KEPT):
+            remove_leftovers(out / place)
+        with measuring(experiments, out, workers, again=again) as pending:
+            found: Mapping[str, Measured] = pending.results(progress)
+        done = LabMeasurements(lab, tuple(found[one.id] for one in experiments))
+        names = ("measurements.csv", "measurements.json")
+        done.files.update({name: out / name for name in names})
+        contents = {
+            "measurements.csv": result_files.table(done.rows, result_files.OBSERVATION_COLUMNS),
+            "measurements.json": result_files.document(done.to_json()),
+        }
+        result_files.write_together(out, contents)
+    return done

@@ -1,0 +1,212 @@
+"""All repetitions of a lab by one command; what was measured is kept and not measured again."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import rigtwin
+from rigtwin.cli import run
+from rigtwin.compare.kept_measurements import KeptMeasurements
+from rigtwin.compare.measure_lab import measure_lab
+from rigtwin.compare.measure_repetitions import known
+from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.file.lab_file import read_lab
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
+LAB = """\
+[[experiments]]
+id = "drop"
+rig = "drop"
+particle = "D6"
+wall = "steel"
+repetitions = ["drops/"]
+
+[[experiments]]
+id = "bed"
+rig = "packing"
+particle = "D6"
+wall = "PMMA"
+cylinder_diameter = "30 mm"
+count = 80
+repetitions = ["bed.csv"]
+"""
+
+
+def falls(restitution):
+    """The track of a bead that falls from 0.3 m and bounces once."""
+    rows, impact = ["time_s,x_m,y_m"], math.sqrt(2 * 0.3 / 9.81)
+    for k in range(150):
+        since = k / 240 - impact
+        height = 0.3 - 9.81 * (k / 240) ** 2 / 2
+        if since > 0:
+            height = restitution * 9.81 * impact * since - 9.81 * since**2 / 2
+        rows.append(f"{k / 240:.6f},0,{height:.7f}")
+    return "\n".join(rows)
+
+
+@pytest.fixture
+def lab(tmp_path):
+    folder = tmp_path / "my-lab"
+    (folder / "drops").mkdir(parents=True)
+    for number in (10, 2, 1):
+        (folder / "drops" / f"r{number}.csv").write_text(falls(0.5 + number / 100))
+    (folder / "bed.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0.03" for x in range(-12, 13)))
+    (folder / "lab.toml").write_text(LAB)
+    return folder
+
+
+@pytest.fixture
+def measured(monkeypatch):
+    """Names of the files that are measured, in their order."""
+    import rigtwin.compare.measure_repetitions as subject
+
+    names, measure = [], subject.measure_repetition
+
+    def watched(experiment, views, out):
+        names.append(views[0].name)
+        return measure(experiment, views, out)
+
+    monkeypatch.setattr(subject, "measure_repetition", watched)
+    return names
+
+
+def restitution(found):
+    return [
+        row["value"]
+        for row in found.rows
+        if (row["quantity"], row["method"], row["bounce"]) == ("restitution_wall", "velocity", 1)
+    ]
+
+
+def test_all_repetitions_are_measured_once_and_again_only_what_has_changed(lab, tmp_path, measured):
+    out = tmp_path / "out"
+    first = measure_lab(lab, out)
+    assert sorted(measured) == ["bed.csv", "r1.csv", "r10.csv", "r2.csv"]
+    assert restitution(first) == pytest.approx([0.51, 0.52, 0.60], abs=0.003), "in natural order"
+    tables = (out / "measurements.csv").read_bytes()
+
+    measured.clear()
+    again = measure_lab(lab, out)
+    assert measured == []
+    assert [item.to_json() for one in again.measured for item in one.measurements] == [
+        item.to_json() for one in first.measured for item in one.measurements
+    ]
+    assert (out / "measurements.csv").read_bytes() == tables
+
+    (lab / "drops" / "r2.csv").write_text(falls(0.7))
+    (lab / "drops" / "r11.csv").write_text(falls(0.4))
+    assert restitution(measure_lab(lab, out)) == pytest.approx([0.51, 0.70, 0.60, 0.40], abs=0.003)
+    assert sorted(measured) == ["r11.csv", "r2.csv"]
+
+    measured.clear()
+    measure_lab(lab, out, only=["bed"], again=True)
+    assert measured == ["bed.csv"]
+
+
+def test_a_setting_that_counts_in_measuring_makes_it_new_and_one_of_the_twin_does_not(lab, tmp_path, measured):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    measure_lab(lab, out)
+    measured.clear()
+    path.write_text(
+        LAB.replace('wall = "PMMA"', 'wall = "glass"').replace('"drop"\nparticle', '"drop"\nbounces = 2\nparticle')
+    )
+    measure_lab(lab, out)
+    assert measured == []
+    path.write_text(LAB.replace("count = 80", "count = 90"))
+    measure_lab(lab, out)
+    assert measured == ["bed.csv"]
+
+
+def test_what_is_said_of_one_file_of_a_folder_counts_for_that_file_alone(lab, tmp_path, measured):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    measure_lab(lab, out)
+    measured.clear()
+    drop, bed = LAB.split("\n\n")
+    path.write_text(f'{drop}\n[experiments.files."drops/r2.csv"]\nrejected = "a draught"\n\n{bed}')
+    assert restitution(measure_lab(lab, out)) == pytest.approx([0.51, 0.60], abs=0.003)
+    assert measured == []
+    path.write_text(f'{drop}\n[experiments.files."drops/r2.csv"]\nend = "0.45 s"\n\n{bed}')
+    measure_lab(lab, out)
+    assert measured == ["r2.csv"]
+
+
+def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
+    experiment = read_lab(lab).experiments[0]
+    out = tmp_path / "out"
+    found = measure_lab(lab, out).measured[0].measurements[0]
+    kept = KeptMeasurements(out)
+    views = experiment.repetitions[0]
+    again = kept.find(kept.key(experiment, views, known(experiment)), views)
+    assert again.quantities == found.quantities
+    assert (again.checks, again.warnings, again.files, again.camera) == (
+        found.checks, found.warnings, found.files, found.camera,
+    )  # fmt: skip
+    for mine, other in zip(again.tracks, found.tracks, strict=True):
+        np.testing.assert_array_equal(mine.position, other.position)
+        assert (mine.body, mine.unseen) == (other.body, other.unseen)
+
+
+@pytest.mark.parametrize("damage", ["json", "npz", "pictures"])
+def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_path, measured, damage):
+    out = tmp_path / "out"
+    found = measure_lab(lab, out)
+    measured.clear()
+    if damage == "pictures":
+        for path in found.measured[1].measurements[0].files.values():
+            path.unlink(missing_ok=True)
+    else:
+        for path in (out / "measured").glob(f"*.{damage}"):
+            path.write_bytes(path.read_bytes()[:40])
+    measure_lab(lab, out)
+    assert sorted(measured) == (["bed.csv"] if damage == "pictures" else ["bed.csv", "r1.csv", "r10.csv", "r2.csv"])
+
+
+def test_a_kept_document_shows_no_file_outside_the_folder_of_results(lab, tmp_path, measured):
+    out = tmp_path / "out"
+    measure_lab(lab, out)
+    (tmp_path / "secret.png").write_text("secret")
+    for path in (out / "measured").glob("*.json"):
+        document = json.loads(path.read_text())
+        path.write_text(json.dumps({**document, "files": {"still": "../secret.png"}}))
+    measured.clear()
+    again = measure_lab(lab, out)
+    assert len(measured) == 4
+    assert "secret" not in json.dumps(again.to_json())
+
+
+def test_a_repetition_that_cannot_be_measured_is_named_and_not_tried_again(lab, tmp_path, measured, capsys):
+    (lab / "drops" / "r3.csv").write_text("time_s,x_m,y_m\n0,0,0.1\n0.01,0,0.1\n")
+    assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "drop: r3.csv could not be measured: " in said
+    (mean,) = [row for row in measure_lab(lab, tmp_path / "out").means if (row.method, row.bounce) == ("velocity", 1)]
+    assert (mean.measured, mean.measured_n) == (pytest.approx(1.63 / 3, abs=0.003), 3)
+    measured.clear()
+    assert run(["measure", str(lab / "lab.toml"), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert measured == []
+    drops, _ = json.loads(capsys.readouterr().out)["experiments"]
+    assert [len(drops[what]) for what in ("measurements", "failures")] == [3, 1]
+
+
+def test_compare_uses_what_measure_has_kept(lab, measured):
+    opened = rigtwin.open_lab(lab)
+    frame = opened.measure().to_frame()
+    assert set(frame["repetition"]) == {"drops/r1.csv", "drops/r2.csv", "drops/r10.csv", "bed.csv"}
+    measured.clear()
+    compared = opened.compare(only="drop")
+    assert measured == []
+    assert len(compared.outcomes[0].measurements) == 3
+    opened.compare(only="drop", again=True)
+    assert len(measured) == 3
+
+
+def test_a_name_that_is_neither_rig_nor_lab_is_refused(tmp_path, capsys):
+    assert run(["measure", "nowhere"]) == 2
+    assert "No such command 'nowhere'" in capsys.readouterr().err
+    with pytest.raises(BadInput, match="there is no 'lab'; known are drop"):
+        rigtwin.measure("lab", tmp_path)
+    with pytest.raises(BadLabFile, match="no such file"):
+        measure_lab(tmp_path, tmp_path / "out")
