@@ -13,7 +13,9 @@ from rigtwin.commands.options import Json, Quiet
 
 
 def review(
-    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
+    lab: Annotated[
+        Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml, or one of its photos or clips.")
+    ],
     *,
     port: Annotated[
         int | None, typer.Option("--port", min=1, max=65535, help="Port on this machine; a free one by default.")

@@ -35,7 +35,7 @@ def serve(
     Parameters
     ----------
     lab : Path
-        Folder with a lab.toml, or the lab.toml itself.
+        Folder with a lab.toml, the lab.toml itself, or a photo or clip of a lab, which is shown first.
     announce : callable
         Called with the address of the page when it can be opened.
     port : int, optional
@@ -52,15 +52,10 @@ def serve(
     BadInput
         If the port is taken.
     """
-    if lab.is_file() and lab.suffix != ".toml":
-        raise BadInput(
-            f"{lab}: is no lab; start one with `rigtwin init DIR`, and name this file under repetitions there."
-        )
-    path = lab / "lab.toml" if lab.is_dir() else lab
-    OpenLab.read(path, allow_outside=allow_outside)
+    path, place = _lab_and_place(lab, allow_outside=allow_outside)
     with closing(_listening(port)) as listener, closing(Review(path, allow_outside=allow_outside)) as review:
         bound, token = listener.getsockname()[1], secrets.token_urlsafe(24)
-        address = f"http://{HOST}:{bound}/?token={token}"
+        address = f"http://{HOST}:{bound}/?token={token}{place}"
         threading.Thread(target=review.look_ahead, daemon=True).start()
         announce(address)
         if browser:
@@ -74,6 +69,26 @@ def serve(
             timeout_graceful_shutdown=GRACE,
         )
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def _lab_and_place(given: Path, *, allow_outside: bool) -> tuple[Path, str]:
+    """The lab.toml, and the part of the address that names the photo or clip to show first; empty for any."""
+    if not given.is_file() or given.suffix == ".toml":
+        path = given / "lab.toml" if given.is_dir() else given
+        OpenLab.read(path, allow_outside=allow_outside)
+        return path, ""
+    for folder in given.absolute().parents:
+        path = folder / "lab.toml"
+        if path.is_file():
+            lab = OpenLab.read(path, allow_outside=allow_outside)
+            for place, view in lab.all_views():
+                if view.resolve() == given.resolve():
+                    return path, f"#{place}"
+            break
+    raise BadInput(
+        f"{given}: no lab.toml above it names it; start a lab with `rigtwin init DIR` and name this file under "
+        "repetitions there."
+    )
 
 
 def _listening(port: int | None) -> socket.socket:
