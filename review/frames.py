@@ -51,7 +51,8 @@ class Clip:
         self._video = video
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._size = 0
-        self._wanted = 0
+        self._wanted = 0  # what was asked for last
+        self._asked: list[int] = []  # what is waited for, in the order in which it was asked for
         self._fault: BaseException | None = None
         self._closed = False
         self._changed = threading.Condition()
@@ -63,8 +64,10 @@ class Clip:
             raise BadInput(f"{self._video.path}: has no frame {index}; its last one is {len(self.info.times) - 1}.")
         with self._changed:
             self._wanted = index
+            self._asked.append(index)
             self._changed.notify_all()
             self._changed.wait_for(lambda: index in self._frames or self._fault or self._closed, PATIENCE)
+            self._asked.remove(index)
             if index in self._frames:
                 self._frames.move_to_end(index)
                 return self._frames[index]
@@ -97,7 +100,9 @@ class Clip:
         """The frame to decode next; waits while there is none, None at the end."""
         with self._changed:
             while not self._closed:
-                wanted = self._wanted
+                # the latest first, but all of them: requests may arrive in another order than they were sent
+                waiting = [index for index in self._asked if index not in self._frames]
+                wanted = waiting[-1] if waiting else self._wanted
                 if wanted not in self._frames:
                     earlier = range(max(wanted - BEHIND, 0), wanted)
                     # going back: the frames before it are decoded with it, as each needs those before itself

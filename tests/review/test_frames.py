@@ -1,6 +1,7 @@
 """Pictures of clips and photos are those that the measurement sees, whichever is asked for next."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 import av
 import cv2
@@ -81,3 +82,11 @@ def test_a_photo_that_was_replaced_is_read_again(tmp_path, pictures):
         cv2.imwrite(str(photo), np.full((40, 60, 3), grey, dtype=np.uint8))
         os.utime(photo, (grey, grey))
         assert level(pictures.picture(photo, Camera(), 0, photo=True)) == pytest.approx(grey, abs=1)
+
+
+def test_every_frame_comes_that_is_asked_for_at_the_same_time(clip, pictures, monkeypatch):
+    monkeypatch.setattr(video_file, "KEPT", 1)
+    asked = [150, 3, 90, 4, 199, 60, 0, 120] * 3
+    with ThreadPoolExecutor(len(asked)) as pool:
+        found = pool.map(lambda index: number_on(pictures.picture(clip, Camera(), index, photo=False)), asked)
+        assert list(found) == asked
