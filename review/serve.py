@@ -19,6 +19,7 @@ from rigtwin.review.described import OpenLab
 from rigtwin.review.guard import Guard
 
 HOST = "127.0.0.1"
+HEAD_START = 1.0  # [s], for opening the first clip; a browser that starts meanwhile would slow both down
 GRACE = 1  # [s], for answers under way when the server ends
 
 
@@ -56,7 +57,9 @@ def serve(
     with closing(_listening(port)) as listener, closing(Review(path, allow_outside=allow_outside)) as review:
         bound, token = listener.getsockname()[1], secrets.token_urlsafe(24)
         address = f"http://{HOST}:{bound}/?token={token}{place}"
-        threading.Thread(target=review.look_ahead, daemon=True).start()
+        ahead = threading.Thread(target=review.look_ahead, daemon=True)
+        ahead.start()
+        ahead.join(HEAD_START)
         announce(address)
         if browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

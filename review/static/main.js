@@ -270,7 +270,7 @@ function showFilm() {
 
 function frameShown(index) {
   if (!stage.film || index < 0) return;
-  $("slider").value = index;
+  if (index === stage.wanted) $("slider").value = index; // not while it is dragged and frames near it are shown
   $("when").textContent = `frame ${index} of ${stage.media.times.length - 1}   ${stage.media.times[index].toFixed(4)} s`;
 }
 

@@ -78,16 +78,17 @@ export class Stage {
     try {
       while (this.index !== this.wanted) {
         const [place, next] = [this.place, this.wanted];
-        const bitmap = await this.frames.picture(next);
+        const { bitmap, shown } = await this.frames.picture(next);
         if (this.place !== place) continue;
         this.canvas.width = bitmap.width;
         this.canvas.height = bitmap.height;
         this.canvas.getContext("2d").drawImage(bitmap, 0, 0);
         bitmap.close();
-        this.index = next;
-        document.documentElement.dataset.frame = next;
+        if (shown === this.index) continue;
+        this.index = shown;
+        document.documentElement.dataset.frame = shown;
         this.draw();
-        this.onFrame(next);
+        this.onFrame(shown);
       }
     } catch (error) {
       this.index = this.wanted;
