@@ -44,4 +44,4 @@ def review(
     try:
         serve(lab, announce, port=port, browser=browser, allow_outside=allow_outside)
     except KeyboardInterrupt:
-        raise Interrupted(f"the page is closed; what was changed on it stands in {lab}.") from None
+        raise Interrupted("the page is closed; every change that was made on it stands in lab.toml.") from None

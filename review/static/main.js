@@ -261,7 +261,10 @@ const rested = (signal) => new Promise((go, stopped) => {
 
 function showFilm() {
   $("film-part").hidden = !stage.film;
-  if (!stage.film) return;
+  if (!stage.film) {
+    $("film").hidden = true; // a clip that cannot be decoded
+    return;
+  }
   $("slider").max = stage.media.times.length - 1;
   $("span-to").disabled = from === null;
   showParts(view(), stage.media.times, { set: (key, value) => set(key, value, view().own.includes(key)), include });
