@@ -18,6 +18,7 @@ let tool = null;
 let from = null; // first frame of a part that is about to be left out
 let waiting = null; // aborts the request for a result that is not wanted any more
 let playing = null;
+let changes = 0; // answered ones, of lab.toml
 
 const stage = new Stage({ onPlace: placed, onRemove: remove, onFrame: frameShown, onProblem: problem });
 
@@ -40,6 +41,9 @@ async function changed(address, body) {
   } catch (error) {
     problem(error);
   }
+  showAll();
+  changes += 1;
+  document.documentElement.dataset.changes = changes;
   await select(shown);
 }
 

@@ -145,10 +145,17 @@ export class Stage {
       handle.addEventListener("pointerdown", (event) => {
         event.stopPropagation();
         handle.focus();
-        this.drag(event, (to) => moved(PLACES[key].form, points, number, to), (shape) => this.onPlace(key, shape, index), key);
+        // its other points may have been changed meanwhile
+        const shape = (to) => moved(PLACES[key].form, this.current(key, index) ?? points, number, to);
+        this.drag(event, shape, (last) => this.onPlace(key, last, index), key);
       });
       handle.addEventListener("keydown", (event) => this.nudge(event, key, points, number, index));
     });
+  }
+
+  /** The points of a place as they are stated now. */
+  current(key, index) {
+    return this.stated[key] === undefined ? null : shapesOf(key, this.stated[key])[index];
   }
 
   /** Move a focused handle with the arrow keys; it is written with Enter, or when the keys rest. */
