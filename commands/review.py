@@ -13,7 +13,9 @@ from rigtwin.commands.options import Json, Quiet
 
 
 def review(
-    lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
+    lab: Annotated[
+        Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml, or one of its photos or clips.")
+    ],
     *,
     port: Annotated[
         int | None, typer.Option("--port", min=1, max=65535, help="Port on this machine; a free one by default.")
@@ -42,4 +44,4 @@ def review(
     try:
         serve(lab, announce, port=port, browser=browser, allow_outside=allow_outside)
     except KeyboardInterrupt:
-        raise Interrupted(f"the page is closed; what was changed on it stands in {lab}.") from None
+        raise Interrupted("the page is closed; every change that was made on it stands in lab.toml.") from None

@@ -89,14 +89,14 @@ class Review:
         self.measuring.close()
 
     def look_ahead(self) -> None:
-        """Open the first clip or photo before the page asks for it."""
+        """Open the first clip or photo, and decode its first frame, before the page asks for it."""
         with suppress(BadInput, OSError, LookupError):
             lab = self.opened()
             number = next(k for k, entry in enumerate(lab.file.experiments) if entry.repetitions)
             experiment, view = lab.lab.experiments[number], lab.views(number, 0)[0]
             kind = kind_of(experiment, view)
             if kind in ("photo", "clip"):
-                self.pictures.picture(view, experiment.camera_of(view), 0, photo=kind == "photo")
+                self.pictures.info(view, experiment.camera_of(view), photo=kind == "photo")
 
     def opened(self) -> OpenLab:
         """The lab as it stands on disk; read again only when lab.toml has changed."""
@@ -175,12 +175,12 @@ class Review:
         """A photo, or one frame of a clip."""
         _, medium, camera, photo = await self._medium(request)
         index = request.path_params["index"]
-        data = await run_in_threadpool(self.pictures.picture, medium, camera, index, photo=photo)
+        near = "near" in request.query_params
+        shown, data = await run_in_threadpool(self.pictures.picture, medium, camera, index, photo=photo, near=near)
         # the first picture goes before the processes that measure, whose start takes all of the processor
         started = BackgroundTask(self.measuring.warm_up)
-        return Response(
-            data, media_type="image/jpeg", headers={"cache-control": "private, max-age=600"}, background=started
-        )
+        kept = {} if near else {"cache-control": "private, max-age=600"}
+        return Response(data, media_type="image/jpeg", headers={**kept, "x-frame": str(shown)}, background=started)
 
     async def result_file(self, request: Request) -> Response:
         """A file that an earlier command wrote into the lab's folder of results."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,13 @@ class OpenLab:
         if min(experiment, repetition) < 0:
             raise LookupError
         return tuple(self.lab.folder / name for name in self.file.experiments[experiment].repetitions[repetition])
+
+    def all_views(self) -> Iterator[tuple[str, Path]]:
+        """Every medium, with its place: numbers of experiment, repetition and view."""
+        for number, entry in enumerate(self.file.experiments):
+            for repetition, names in enumerate(entry.repetitions):
+                for view, name in enumerate(names):
+                    yield f"{number}/{repetition}/{view}", self.lab.folder / name
 
     def measured_views(self, experiment: int, repetition: int) -> tuple[Path, ...]:
         """Media of a repetition that are measured: those that are not rejected, or all if none is left."""

@@ -1,7 +1,7 @@
 """Pictures of clips and photos as JPEG, in the pixels that the measurement works with.
 
-A clip is decoded by one thread, from the frame that was asked for onwards, so that the next frames are there before
-they are asked for.
+A clip is decoded by one thread, from the frame that was asked for onwards, so that frames are there before they are
+asked for.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +26,12 @@ from rigtwin.measure.media.video import Video, open_video
 
 QUALITY = 85  # of JPEG: differences to the original are not seen
 LONGEST_SIDE = 2048  # [px], of a picture on the page; a larger one is reduced
-AHEAD = 40  # frames decoded beyond the last one that was asked for
 BEHIND = 24  # frames decoded before one that lies before all that are there: the next ones back are there then
 ONWARDS = 60  # frames: up to here decoding on is faster than looking for a keyframe
 KEPT = 160 * 2**20  # [bytes], of the encoded frames of one clip
+ROOM = 0.9  # of it are filled with frames that were not asked for yet
 OPEN = 2  # clips kept open at a time
+SOON = 0.05  # [s]
 PATIENCE = 60.0  # [s], for one frame
 
 
@@ -51,23 +53,33 @@ class Clip:
         self._video = video
         self._frames: OrderedDict[int, bytes] = OrderedDict()
         self._size = 0
-        self._wanted = 0
+        self._wanted = 0  # what was asked for last
+        self._seen = False  # whether anything was asked for
+        self._asked: list[int] = []  # what is waited for, in the order in which it was asked for
         self._fault: BaseException | None = None
         self._closed = False
         self._changed = threading.Condition()
         threading.Thread(target=self._decode, name=f"frames of {video.path.name}", daemon=True).start()
 
-    def frame(self, index: int) -> bytes:
-        """One frame as JPEG.  Raises `BadInput` where it cannot be decoded."""
+    def frame(self, index: int, *, near: bool = False) -> tuple[int, bytes]:
+        """One frame as JPEG, and its number.  Raises `BadInput` where it cannot be decoded.
+
+        With `near` another one that is there already, the nearest, if this one is not there within `SOON`.
+        """
         if not 0 <= index < len(self.info.times):
             raise BadInput(f"{self._video.path}: has no frame {index}; its last one is {len(self.info.times) - 1}.")
         with self._changed:
-            self._wanted = index
+            self._wanted, self._seen = index, True
+            self._asked.append(index)
             self._changed.notify_all()
-            self._changed.wait_for(lambda: index in self._frames or self._fault or self._closed, PATIENCE)
+            patience = SOON if near and self._frames else PATIENCE
+            self._changed.wait_for(lambda: index in self._frames or self._fault or self._closed, patience)
+            self._asked.remove(index)
+            if near and not self._fault and self._frames:
+                index = min(self._frames, key=lambda other: abs(other - index))
             if index in self._frames:
                 self._frames.move_to_end(index)
-                return self._frames[index]
+                return index, self._frames[index]
             raise BadInput(f"{self._video.path}: frame {index} cannot be decoded; {self._fault or 'ask again'}.")
 
     def close(self) -> None:
@@ -97,17 +109,20 @@ class Clip:
         """The frame to decode next; waits while there is none, None at the end."""
         with self._changed:
             while not self._closed:
-                wanted = self._wanted
+                # the latest first, but all of them: requests may arrive in another order than they were sent
+                waiting = [index for index in self._asked if index not in self._frames]
+                wanted = waiting[-1] if waiting else self._wanted
                 if wanted not in self._frames:
                     earlier = range(max(wanted - BEHIND, 0), wanted)
                     # going back: the frames before it are decoded with it, as each needs those before itself
                     back = wanted + 1 in self._frames
-                    missing = [index for index in earlier if index not in self._frames] if back else []
-                    return missing[0] if missing else wanted
-                end = min(wanted + AHEAD, len(self.info.times))
-                for index in range(wanted + 1, end):
-                    if index not in self._frames:
-                        return index
+                    return next((index for index in earlier if back and index not in self._frames), wanted)
+                # then all others, from there on: a clip that has no room is left alone before frames are given up
+                if self._seen and self._size < ROOM * KEPT:
+                    others = chain(range(wanted + 1, len(self.info.times)), range(wanted))
+                    missing = next((index for index in others if index not in self._frames), None)
+                    if missing is not None:
+                        return missing
                 self._changed.wait()
         return None
 
@@ -132,9 +147,11 @@ class Pictures:
         """Size and times of a medium.  Raises `BadInput` where it cannot be read."""
         return self._photo(medium, camera)[0] if photo else self._clip(medium, camera).info
 
-    def picture(self, medium: Path, camera: Camera, index: int, *, photo: bool) -> bytes:
-        """A photo, or one frame of a clip, as JPEG.  Raises `BadInput` where it cannot be read."""
-        return self._photo(medium, camera)[1] if photo else self._clip(medium, camera).frame(index)
+    def picture(
+        self, medium: Path, camera: Camera, index: int, *, photo: bool, near: bool = False
+    ) -> tuple[int, bytes]:
+        """A photo, or one frame of a clip, as JPEG, with its number.  Raises `BadInput` where it cannot be read."""
+        return (0, self._photo(medium, camera)[1]) if photo else self._clip(medium, camera).frame(index, near=near)
 
     def close(self) -> None:
         with self._lock:

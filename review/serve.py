@@ -19,6 +19,7 @@ from rigtwin.review.described import OpenLab
 from rigtwin.review.guard import Guard
 
 HOST = "127.0.0.1"
+HEAD_START = 1.0  # [s], for opening the first clip; a browser that starts meanwhile would slow both down
 GRACE = 1  # [s], for answers under way when the server ends
 
 
@@ -35,7 +36,7 @@ def serve(
     Parameters
     ----------
     lab : Path
-        Folder with a lab.toml, or the lab.toml itself.
+        Folder with a lab.toml, the lab.toml itself, or a photo or clip of a lab, which is shown first.
     announce : callable
         Called with the address of the page when it can be opened.
     port : int, optional
@@ -52,16 +53,13 @@ def serve(
     BadInput
         If the port is taken.
     """
-    if lab.is_file() and lab.suffix != ".toml":
-        raise BadInput(
-            f"{lab}: is no lab; start one with `rigtwin init DIR`, and name this file under repetitions there."
-        )
-    path = lab / "lab.toml" if lab.is_dir() else lab
-    OpenLab.read(path, allow_outside=allow_outside)
+    path, place = _lab_and_place(lab, allow_outside=allow_outside)
     with closing(_listening(port)) as listener, closing(Review(path, allow_outside=allow_outside)) as review:
         bound, token = listener.getsockname()[1], secrets.token_urlsafe(24)
-        address = f"http://{HOST}:{bound}/?token={token}"
-        threading.Thread(target=review.look_ahead, daemon=True).start()
+        address = f"http://{HOST}:{bound}/?token={token}{place}"
+        ahead = threading.Thread(target=review.look_ahead, daemon=True)
+        ahead.start()
+        ahead.join(HEAD_START)
         announce(address)
         if browser:
             threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
@@ -74,6 +72,26 @@ def serve(
             timeout_graceful_shutdown=GRACE,
         )
         uvicorn.Server(config).run(sockets=[listener])
+
+
+def _lab_and_place(given: Path, *, allow_outside: bool) -> tuple[Path, str]:
+    """The lab.toml, and the part of the address that names the photo or clip to show first; empty for any."""
+    if not given.is_file() or given.suffix == ".toml":
+        path = given / "lab.toml" if given.is_dir() else given
+        OpenLab.read(path, allow_outside=allow_outside)
+        return path, ""
+    for folder in given.absolute().parents:
+        path = folder / "lab.toml"
+        if path.is_file():
+            lab = OpenLab.read(path, allow_outside=allow_outside)
+            for place, view in lab.all_views():
+                if view.resolve() == given.resolve():
+                    return path, f"#{place}"
+            break
+    raise BadInput(
+        f"{given}: no lab.toml above it names it; start a lab with `rigtwin init DIR` and name this file under "
+        "repetitions there."
+    )
 
 
 def _listening(port: int | None) -> socket.socket:

@@ -32,9 +32,9 @@ MEDIA = Path(__file__).resolve().parents[2] / "sample_media"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 SECONDS = small(2.0, 1.0)  # of the clip at 240 frames per second
 SCRUBBED = {
-    "slowly, on": (0, 0.15, 4),
-    "slowly, back": (0.15, 0, 4),
-    "quickly, on": (0.2, 1, 5),
+    "slowly, on": (0, 0.3, 4),
+    "slowly, back": (0.3, 0, 4),
+    "quickly, on": (0, 1, 5),
     "quickly, back": (1, 0, 5),
 }
 """From where to where, in parts of the clip, in how many seconds."""

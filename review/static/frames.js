@@ -1,6 +1,7 @@
 // Frames of one clip: fetched before they are needed, in the direction in which the person scrubs.
 
 const AHEAD = 10; // frames
+const SLOWLY = 3; // frames from one to the next that is shown: the ones ahead will be shown too
 const AT_ONCE = 3; // requests; a browser opens six connections to a server
 const KEPT = 240; // encoded frames
 
@@ -15,19 +16,28 @@ export class Frames {
     this.direction = 1;
   }
 
-  /** The decoded picture of a frame; the ones after it are fetched meanwhile. */
+  /**
+   * The decoded picture of a frame and its number; the ones after it are fetched meanwhile.  Of one that is far from the
+   * last one and not there yet a frame near it comes first.
+   */
   async picture(index) {
-    this.direction = index < this.at ? -1 : 1;
+    const step = index - this.at;
+    this.direction = step < 0 ? -1 : 1;
+    if (Math.abs(step) > SLOWLY && !this.blobs.has(index)) {
+      const { blob, shown } = await this.fetched(index, "&near");
+      this.at = shown;
+      return { bitmap: await createImageBitmap(blob), shown };
+    }
     this.at = index;
     const blob = await this.blob(index);
     this.lookAhead();
-    return createImageBitmap(blob);
+    return { bitmap: await createImageBitmap(blob), shown: index };
   }
 
   blob(index) {
     let blob = this.blobs.get(index);
     if (!blob) {
-      blob = this.fetched(index);
+      blob = this.fetched(index).then((found) => found.blob);
       blob.catch(() => this.blobs.delete(index));
     }
     this.blobs.delete(index); // to the end of the map: used last
@@ -39,12 +49,12 @@ export class Frames {
     return blob;
   }
 
-  async fetched(index) {
+  async fetched(index, how = "") {
     this.under += 1;
     try {
-      const response = await fetch(`${this.address}/${index}?v=${this.version}`);
+      const response = await fetch(`${this.address}/${index}?v=${this.version}${how}`);
       if (!response.ok) throw new Error((await response.json()).error);
-      return await response.blob();
+      return { blob: await response.blob(), shown: Number(response.headers.get("x-frame")) };
     } finally {
       this.under -= 1;
     }

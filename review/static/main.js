@@ -18,6 +18,7 @@ let tool = null;
 let from = null; // first frame of a part that is about to be left out
 let waiting = null; // aborts the request for a result that is not wanted any more
 let playing = null;
+let changes = 0; // answered ones, of lab.toml
 
 const stage = new Stage({ onPlace: placed, onRemove: remove, onFrame: frameShown, onProblem: problem });
 
@@ -40,6 +41,9 @@ async function changed(address, body) {
   } catch (error) {
     problem(error);
   }
+  showAll();
+  changes += 1;
+  document.documentElement.dataset.changes = changes;
   await select(shown);
 }
 
@@ -261,7 +265,10 @@ const rested = (signal) => new Promise((go, stopped) => {
 
 function showFilm() {
   $("film-part").hidden = !stage.film;
-  if (!stage.film) return;
+  if (!stage.film) {
+    $("film").hidden = true; // a clip that cannot be decoded
+    return;
+  }
   $("slider").max = stage.media.times.length - 1;
   $("span-to").disabled = from === null;
   showParts(view(), stage.media.times, { set: (key, value) => set(key, value, view().own.includes(key)), include });
@@ -270,7 +277,7 @@ function showFilm() {
 
 function frameShown(index) {
   if (!stage.film || index < 0) return;
-  $("slider").value = index;
+  if (index === stage.wanted) $("slider").value = index; // not while it is dragged and frames near it are shown
   $("when").textContent = `frame ${index} of ${stage.media.times.length - 1}   ${stage.media.times[index].toFixed(4)} s`;
 }
 

@@ -78,16 +78,17 @@ export class Stage {
     try {
       while (this.index !== this.wanted) {
         const [place, next] = [this.place, this.wanted];
-        const bitmap = await this.frames.picture(next);
+        const { bitmap, shown } = await this.frames.picture(next);
         if (this.place !== place) continue;
         this.canvas.width = bitmap.width;
         this.canvas.height = bitmap.height;
         this.canvas.getContext("2d").drawImage(bitmap, 0, 0);
         bitmap.close();
-        this.index = next;
-        document.documentElement.dataset.frame = next;
+        if (shown === this.index) continue;
+        this.index = shown;
+        document.documentElement.dataset.frame = shown;
         this.draw();
-        this.onFrame(next);
+        this.onFrame(shown);
       }
     } catch (error) {
       this.index = this.wanted;
@@ -144,10 +145,17 @@ export class Stage {
       handle.addEventListener("pointerdown", (event) => {
         event.stopPropagation();
         handle.focus();
-        this.drag(event, (to) => moved(PLACES[key].form, points, number, to), (shape) => this.onPlace(key, shape, index), key);
+        // its other points may have been changed meanwhile
+        const shape = (to) => moved(PLACES[key].form, this.current(key, index) ?? points, number, to);
+        this.drag(event, shape, (last) => this.onPlace(key, last, index), key);
       });
       handle.addEventListener("keydown", (event) => this.nudge(event, key, points, number, index));
     });
+  }
+
+  /** The points of a place as they are stated now. */
+  current(key, index) {
+    return this.stated[key] === undefined ? null : shapesOf(key, this.stated[key])[index];
   }
 
   /** Move a focused handle with the arrow keys; it is written with Enter, or when the keys rest. */

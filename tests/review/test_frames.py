@@ -1,6 +1,7 @@
 """Pictures of clips and photos are those that the measurement sees, whichever is asked for next."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 import av
 import cv2
@@ -53,7 +54,7 @@ def test_frames_are_right_in_any_order(clip, pictures, monkeypatch, kept):
     monkeypatch.setattr(video_file, "KEPT", kept)
     monkeypatch.setattr(subject, "KEPT", 40_000)  # some dozen frames
     for index in (0, 1, 2, 199, 198, 197, 100, 99, 98, 60, 61, 150, 10, 9, 0):
-        assert number_on(pictures.picture(clip, Camera(), index, photo=False)) == index
+        assert number_on(pictures.picture(clip, Camera(), index, photo=False)[1]) == index
 
 
 def test_all_of_a_clip_is_shown_whatever_is_measured_of_it(clip, pictures):
@@ -71,7 +72,7 @@ def test_a_large_photo_is_reduced_and_said_with_its_own_size(tmp_path, pictures)
     cv2.imwrite(str(tmp_path / "photo.png"), np.full((300, 4000, 3), 90, dtype=np.uint8))
     info = pictures.info(tmp_path / "photo.png", Camera(), photo=True)
     assert (info.width, info.height, info.times) == (4000, 300, ())
-    data = pictures.picture(tmp_path / "photo.png", Camera(), 0, photo=True)
+    _, data = pictures.picture(tmp_path / "photo.png", Camera(), 0, photo=True)
     assert cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR).shape == (154, 2048, 3)
 
 
@@ -80,4 +81,21 @@ def test_a_photo_that_was_replaced_is_read_again(tmp_path, pictures):
     for grey in (50, 150):
         cv2.imwrite(str(photo), np.full((40, 60, 3), grey, dtype=np.uint8))
         os.utime(photo, (grey, grey))
-        assert level(pictures.picture(photo, Camera(), 0, photo=True)) == pytest.approx(grey, abs=1)
+        assert level(pictures.picture(photo, Camera(), 0, photo=True)[1]) == pytest.approx(grey, abs=1)
+
+
+def test_every_frame_comes_that_is_asked_for_at_the_same_time(clip, pictures, monkeypatch):
+    monkeypatch.setattr(video_file, "KEPT", 1)
+    asked = [150, 3, 90, 4, 199, 60, 0, 120] * 3
+    with ThreadPoolExecutor(len(asked)) as pool:
+        found = pool.map(lambda index: number_on(pictures.picture(clip, Camera(), index, photo=False)[1]), asked)
+        assert list(found) == asked
+
+
+def test_a_frame_near_the_one_that_is_asked_for_comes_while_that_is_not_there(clip, pictures, monkeypatch):
+    monkeypatch.setattr(subject, "SOON", 0.0)
+    pictures.picture(clip, Camera(), 0, photo=False)
+    shown, data = pictures.picture(clip, Camera(), 199, photo=False, near=True)
+    assert number_on(data) == shown
+    assert pictures.picture(clip, Camera(), 199, photo=False)[0] == 199
+    assert pictures.picture(clip, Camera(), 199, photo=False, near=True)[0] == 199

@@ -202,3 +202,14 @@ def test_no_page_is_served_of_a_folder_without_a_lab(tmp_path, capfd):
 def test_a_port_that_is_taken_is_refused(ask, lab, capfd):
     assert run(["review", str(lab), "--no-browser", "--port", str(ask.port)]) == 2
     assert "--port" in capfd.readouterr().err
+
+
+def test_a_photo_of_a_lab_is_shown_first(lab, served):
+    with served(lab / "view1.jpg") as address:
+        assert address.endswith("#0/0/0")
+
+
+def test_a_photo_that_no_lab_names_is_refused(lab, capfd):
+    shutil.copy(MEDIA / "pile/view2.jpg", lab)
+    assert run(["review", str(lab / "view2.jpg"), "--no-browser"]) == 2
+    assert "view2.jpg: no lab.toml above it names it" in capfd.readouterr().err
