@@ -22,8 +22,8 @@ from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.fitting.strained import calibration, strained
+from rigtwin.compare.diagnose.fitting.wide_scatter import above_usual, scatter_found
 from rigtwin.compare.diagnose.fitting.wide_scatter import in_words as in_words_of_scatter
-from rigtwin.compare.diagnose.fitting.wide_scatter import scatter_found, wide
 from rigtwin.compare.diagnose.models.double_pendulum import DoubleBench
 from rigtwin.compare.diagnose.models.drop import DropBench
 from rigtwin.compare.diagnose.models.pendulum import PendulumBench
@@ -215,7 +215,7 @@ def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | No
 def _with_scatter(bench: Regioned, verdict: Diagnosis, base: Fit) -> Diagnosis:
     """The verdict with a remark on unusual scatter; undecided where nothing was repeated, as that may be the effect."""
     fitted = verdict.chosen.fitted if verdict.chosen else base
-    scattered = in_words_of_scatter(wide(scatter_found(bench, fitted)))
+    scattered = in_words_of_scatter(above_usual(scatter_found(bench, fitted)))
     if not scattered:
         return verdict
     found = replace(verdict, reason=f"{verdict.reason}; {scattered}")

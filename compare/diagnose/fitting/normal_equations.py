@@ -9,8 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from rigtwin.compare.diagnose.models.scattered import Scattered
 from rigtwin.compare.diagnose.models.sensitivities import Moving, Slopes, slopes
-from rigtwin.compare.diagnose.models.unknown import Scattered, Unknown
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 

@@ -26,7 +26,7 @@ def scatter_found(bench: Bench, fitted: Fit) -> list[dict[str, Any]]:
     ]
 
 
-def wide(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def above_usual(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """The rows of `scatter_found` above their usual limit, the furthest above first."""
     far = [row for row in rows if row["std"] > row["usual"]]
     return sorted(far, key=lambda row: -row["std"] / row["usual"])
@@ -37,4 +37,4 @@ def in_words(rows: Sequence[Mapping[str, Any]]) -> str:
     each = ", ".join(
         f"{row['name']} by {row['std']:.2g}{unit_of(row['unit'])} (usual: below {row['usual']:.2g})" for row in rows
     )
-    return f"from film to film there is more scatter than usual: {each}" if rows else ""
+    return f"the repetitions scatter more than usual: {each}" if rows else ""

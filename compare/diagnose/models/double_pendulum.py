@@ -17,8 +17,9 @@ from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.pendulum import OWN_LENGTH, pushing
 from rigtwin.compare.diagnose.models.rows import Runs, coefficients, shared
+from rigtwin.compare.diagnose.models.scattered import of_pairs
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
-from rigtwin.compare.diagnose.models.unknown import USUAL_RESTITUTION, Scattered, Unknown
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing_and_collide import Mutual, angles_at, swing_and_hit
@@ -75,7 +76,7 @@ class DoubleBench(Runs):
         )
         self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
         self.scatter = np.where(self.active, self.pair[:, None], -1)
-        self.scattered = [Scattered(f"restitution of {pair}", "1", USUAL_RESTITUTION) for pair in self.pairs]
+        self.scattered = of_pairs("restitution", self.pairs)
         self.scatter_start = np.full(len(self.pairs), 0.03)
         self.scatter_most = np.full(len(self.pairs), np.inf)
 

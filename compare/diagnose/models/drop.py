@@ -19,8 +19,9 @@ from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import LEAST_SCATTER, Beads, coefficients, shared
+from rigtwin.compare.diagnose.models.scattered import Scattered, of_pairs
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Mechanics
-from rigtwin.compare.diagnose.models.unknown import USUAL_RESTITUTION, Scattered, Unknown
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect, named
@@ -33,7 +34,8 @@ ONE_MATERIAL = 0.015
 """Standard deviation between the restitutions of a bead on two plates of one material, apart from the bending of the
 plates.  Assumed: two pieces differ in finish, and hardly by more than the scatter from impact to impact."""
 SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
-USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3  # [1], [m]: largest usual scatter, of a camera that is set up for each drop
+# [1], [m]: largest usual scatter, of a camera that is set up anew for each drop, some 20 times that of one at rest
+USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3
 LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted scatter, below what a track resolves
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
@@ -125,7 +127,7 @@ class DropBench:
     def scattered(self) -> Sequence[Scattered]:
         """What differs from impact to impact or from repetition to repetition."""
         return (
-            *(Scattered(f"restitution of {pair}", "1", USUAL_RESTITUTION) for pair in self.pairs),
+            *of_pairs("restitution", self.pairs),
             Scattered("scale of the picture", "1", USUAL_SCALE),
             Scattered("height of the plate in the picture", "m", USUAL_HEIGHT),
             Scattered("sideways over impact speed", "1", named("odd_shape").parameters[0].least),

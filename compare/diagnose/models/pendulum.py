@@ -16,8 +16,9 @@ from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import Beads, eighths, shared
+from rigtwin.compare.diagnose.models.scattered import Scattered
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
-from rigtwin.compare.diagnose.models.unknown import Scattered, Unknown
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing import Push, angle_at, half_swings

@@ -15,8 +15,9 @@ import numpy as np
 from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import Runs
+from rigtwin.compare.diagnose.models.scattered import of_pairs
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
-from rigtwin.compare.diagnose.models.unknown import USUAL_ROLLING, Scattered, Unknown
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.track import place_at, ride
@@ -63,7 +64,7 @@ class RollBench(Runs):
         )  # fmt: skip
         self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
         self.scatter = self.pair[:, None].copy()
-        self.scattered = [Scattered(f"rolling friction of {pair}", "1", USUAL_ROLLING) for pair in self.pairs]
+        self.scattered = of_pairs("rolling_friction", self.pairs)
         self.scatter_start = np.full(len(self.pairs), 3e-3)
         self.scatter_most = np.full(len(self.pairs), np.inf)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from rigtwin.compare.diagnose.data.tracked_lab import Condition, TrackedLab, stated_uncertainty
 from rigtwin.compare.diagnose.data.tracking_noise import noise_of
-from rigtwin.compare.diagnose.models.unknown import Scattered, Unknown
+from rigtwin.compare.diagnose.models.scattered import Scattered
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Track
 from rigtwin.sim.effects import Effect

@@ -13,17 +13,18 @@ import numpy as np
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import Runs
+from rigtwin.compare.diagnose.models.scattered import Scattered, of_pairs
 from rigtwin.compare.diagnose.models.sensitivities import STEADY, Moved
-from rigtwin.compare.diagnose.models.unknown import USUAL_FRICTION, Scattered, Unknown
+from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.track import place_at, ride
 
 KINETIC = 0.003
 """Standard deviation from run to run of the kinetic less the static friction coefficient, where a fit begins."""
-MOST_KINETIC = 0.01
-"""Largest standard deviation of that; a baseline with a larger one would take up a friction drop as scatter."""
-USUAL_KINETIC = 3 * KINETIC
+MOST_KINETIC = 3 * KINETIC
+"""Largest standard deviation of that in a fit; with a larger one the baseline takes up a friction drop as scatter."""
+USUAL_KINETIC = 0.9 * MOST_KINETIC  # a fit that reaches its limit has more
 HALF_NORMAL = 0.4  # mean of the negative half of a normal distribution over its standard deviation, the other half zero
 TRACKED_POINT = 5e-4  # [m], standard uncertainty of the height of the tracked point above the arm, in each repetition
 
@@ -57,7 +58,7 @@ class SlideBench(Runs):
         pairs = len(self.pairs)
         self.scatter = np.stack([self.pair, np.full(count, pairs)], axis=1)
         self.scattered = [
-            *(Scattered(f"static friction of {pair}", "1", USUAL_FRICTION) for pair in self.pairs),
+            *of_pairs("static_friction", self.pairs),
             Scattered("kinetic less static friction", "1", USUAL_KINETIC),
         ]
         self.scatter_start = np.array([*([0.01] * pairs), KINETIC])
@@ -69,7 +70,7 @@ class SlideBench(Runs):
         # a clump with a kinetic friction above the static one rests until the arm is steep enough for the kinetic one,
         # so that chance lowers the mean of the kinetic friction
         lower = -HALF_NORMAL * KINETIC
-        own.append(Unknown("kinetic_friction.lower", lower, KINETIC, prior=lower, sd=HALF_NORMAL * KINETIC))
+        own.append(Unknown("kinetic_friction.offset", lower, KINETIC, prior=lower, sd=HALF_NORMAL * KINETIC))
         rate = self.lab.uncertainty("tilt_rate_uncertainty_rel", default=0.002)
         level = math.radians(self.lab.uncertainty("plate_level_uncertainty_deg", default=0.1))
         priors = {"plate_tilt": level, "tilt_rate_error": rate}
@@ -105,7 +106,7 @@ class SlideBench(Runs):
                 driving = driving + term.drive(begin, 0 * place, 0 * place, *own)
         static = (gravity * np.sin(slip) - place * rate**2 + driving) / (gravity * np.cos(slip) - high * rate**2)
         kinetic = local[..., 2]
-        lower = values["kinetic_friction.lower"][:, None]
+        lower = values["kinetic_friction.offset"][:, None]
         soft = np.stack([self._onset(static, slip, begin, values, terms), kinetic - lower], axis=-1)
         kinetic, off = kinetic[:seen], local[:seen, :, 3]
         place, static, slip, begin = place[:seen], static[:seen], slip[:seen], begin[:seen]
@@ -151,7 +152,7 @@ class SlideBench(Runs):
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
         """Whether the unknown changes no motion: friction of a pair does not, as each repetition has a slip angle."""
-        if name == "kinetic_friction.lower":
+        if name == "kinetic_friction.offset":
             return True
         return name.startswith("static_friction.") and not any(term.onset is not None for term in terms)
 

@@ -5,7 +5,7 @@ Formula: t_true = t + r y
 r is `delay`, y [m] the height in the plane of motion.
 
 Parameters:
-- `delay` [s/m], -0.06 to 0.06, typically 0.003: row delay per height; a telephone has 0.01 to 0.05
+- `delay` [s/m], -0.06 to 0.06, typically 0.003: row delay per height; up to 0.05 in a telephone
 
 Source: CMOS read-out; Meingast, Geyer & Sastry 2005
 """

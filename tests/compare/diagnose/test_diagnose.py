@@ -328,7 +328,7 @@ def test_scatter_between_runs_is_no_effect_where_nothing_was_repeated(tmp_path):
     assert diagnosis.verdict == "undecided"
     assert diagnosis.chosen is None
     assert "no condition was repeated" in diagnosis.reason
-    assert "more scatter than usual: scale of the picture by 0." in diagnosis.reason
+    assert "the repetitions scatter more than usual: scale of the picture by 0." in diagnosis.reason
     rows = {row["name"]: row for row in diagnosis.to_json()["scatter"]}
     assert rows["scale of the picture"]["std"] > rows["scale of the picture"]["usual"]
     assert rows["restitution of light-glass"]["std"] < rows["restitution of light-glass"]["usual"]
