@@ -32,6 +32,8 @@ class Failure:
     message: str
     seen: Seen | None = None
     """What was found in the picture, where there is one."""
+    picture: Path | None = None
+    """The picture that was written and that the message names."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,9 @@ def measure_repetition(
         with unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)):
             return _measure(experiment, views, out, **more)
     except RigtwinError as error:
-        return Failure(views[0], str(error), error.seen if isinstance(error, BadInput) else None)
+        if isinstance(error, BadInput):
+            return Failure(views[0], str(error), error.seen, error.picture)
+        return Failure(views[0], str(error))
 
 
 @contextmanager
@@ -126,7 +130,10 @@ class Pending:
             progress("measuring repetitions", len(done), len(self.names))
             number = self.started[job]
             found = done[number] = job.result()
-            self.kept.keep(self.keys[number], found.message if isinstance(found, Failure) else found)
+            if isinstance(found, Failure):
+                self.kept.keep(self.keys[number], found.message, found.picture)
+            else:
+                self.kept.keep(self.keys[number], found)
         progress("measuring repetitions", len(self.names), len(self.names))
         mine: dict[str, list[Measurement | Failure]] = {experiment.id: [] for experiment in self.experiments}
         for number, name in enumerate(self.names):

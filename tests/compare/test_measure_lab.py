@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -11,8 +13,11 @@ from rigtwin.cli import run
 from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.measure_lab import measure_lab
 from rigtwin.compare.measure_repetitions import known
-from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.compare.result_files import plain
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import BadInput, BadLabFile, Mark
 from rigtwin.lab.file.lab_file import read_lab
+from rigtwin.lab.records import Profile, Series
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -140,13 +145,52 @@ def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
     kept = KeptMeasurements(out)
     views = experiment.repetitions[0]
     again = kept.find(kept.key(experiment, views, known(experiment)), views)
-    assert again.quantities == found.quantities
-    assert (again.checks, again.warnings, again.files, again.camera) == (
-        found.checks, found.warnings, found.files, found.camera,
-    )  # fmt: skip
+    assert plain(asdict(again)) == plain(asdict(found))
     for mine, other in zip(again.tracks, found.tracks, strict=True):
         np.testing.assert_array_equal(mine.position, other.position)
-        assert (mine.body, mine.unseen) == (other.body, other.unseen)
+
+    full = replace(
+        found,
+        profiles=(Profile(np.array([0.0, 0.1]), np.array([0.02, np.nan]), np.array([1e-4, 2e-4]), (0.0, 0.1), "side"),),
+        series=(Series(np.array([0.0, 1 / 3]), np.array([0.1, 0.2]), "mass_left", "kg"),),
+        marks=(
+            Mark("bead", [(1 / 3, 2.0), (4.0, 5.5)], 6.25, "track", frames=(3, 4), view=1),
+            Mark("base", ((0.0, 1.0),)),
+        ),
+        warnings=("it is dark",),
+        camera={"frame_rate_hz": 240.0},
+        table={"kind": "track"},
+    )
+    assert all(getattr(full, one.name) for one in fields(full)), "nothing is left empty"
+    kept.keep("full", full)
+    assert plain(asdict(kept.find("full", views))) == plain(asdict(full))
+
+
+def test_a_setting_that_is_changed_back_gives_the_pictures_of_its_own_measurement(lab, tmp_path, measured):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    other = LAB.replace(
+        'particle = "D6"\nwall = "steel"', 'particle = "D6"\nwall = "steel"\ncamera = { end = "0.45 s" }'
+    )
+
+    def plots():
+        found = measure_lab(lab, out).measured[0].measurements
+        return [one.files["plot"].read_bytes() for one in found]
+
+    first = plots()
+    path.write_text(other)
+    assert plots() != first
+    measured.clear()
+    path.write_text(LAB)
+    assert [_curves(plot) for plot in plots()] == [_curves(plot) for plot in first]
+    assert sorted(measured) == ["r1.csv", "r10.csv", "r2.csv"]
+    measured.clear()
+    plots()
+    assert measured == []
+
+
+def _curves(plot):
+    """The lines of a plot, without the names that each writing makes anew."""
+    return re.findall(rb'<path d="([^"]+)"', plot)
 
 
 @pytest.mark.parametrize("damage", ["json", "npz", "pictures"])
@@ -168,9 +212,10 @@ def test_a_kept_document_shows_no_file_outside_the_folder_of_results(lab, tmp_pa
     out = tmp_path / "out"
     measure_lab(lab, out)
     (tmp_path / "secret.png").write_text("secret")
+    secret = {"path": "../secret.png", "sha256": sha256(tmp_path / "secret.png")}
     for path in (out / "measured").glob("*.json"):
         document = json.loads(path.read_text())
-        path.write_text(json.dumps({**document, "files": {"still": "../secret.png"}}))
+        path.write_text(json.dumps({**document, "files": {"still": secret}}))
     measured.clear()
     again = measure_lab(lab, out)
     assert len(measured) == 4
