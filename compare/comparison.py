@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -35,6 +35,8 @@ class Outcome:
     shapes: tuple[Overlay, ...] = ()
     without_twin: str = ""
     """Why no twin is compared: it lacks something, or it failed."""
+    lost_runs: Mapping[int, str] = field(default_factory=dict)
+    """Why runs of its twin ended without a result, by seed, where others did not."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -130,6 +132,8 @@ def _failed_runs(outcome: Outcome) -> Iterator[str]:
     for number, twin in enumerate(outcome.twins, start=1):
         if twin.failed and not outcome.without_twin:
             yield f"run {number} of the twin failed and is not compared: {twin.failed}"
+    for seed, why in outcome.lost_runs.items():
+        yield f"the run of the twin with seed {seed} failed and is not compared: {why}"
 
 
 def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:

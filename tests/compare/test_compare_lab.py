@@ -512,6 +512,26 @@ def test_a_run_of_several_that_fails_is_named(tmp_path, capsys):
     assert one["twins"] == []
 
 
+@pytest.mark.usefixtures("in_this_process")
+def test_a_seed_that_fails_beside_others_is_named_with_its_reason(tmp_path, monkeypatch, capsys):
+    run_all = subject_compare_lab.run_all
+
+    def without_first(runs, *args, **more):
+        failures = {one.name: "does not fit into memory." for one in runs[:1]}
+        return replace(run_all(runs[1:], *args, **more), failures=failures)
+
+    monkeypatch.setattr(subject_compare_lab, "run_all", without_first)
+    assert run(["compare", str(bed_lab(tmp_path)), "--runs", "2", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    (one,) = document["experiments"]
+    assert "without_twin" not in one
+    assert "the run of the twin with seed 1 failed and is not compared: does not fit into memory" in one["warnings"]
+    assert {row["simulated_n"] for row in document["deviations"]} == {1}
+    with (tmp_path / "out/observations.csv").open() as file:
+        runs = {row["repetition"] for row in csv.DictReader(file) if row["origin"] == "simulated"}
+    assert runs == {"twin, seed 2"}
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
