@@ -778,6 +778,7 @@ _EXPERIMENTS: dict[str, type[_ExperimentEntry]] = {
     rig: entry for entry in get_args(ExperimentEntry) for rig in get_args(entry.model_fields["rig"].annotation)
 }
 
+_NO_TABLE = ("dict_type", "model_type", "model_attributes_type")  # of pydantic's errors
 _MISSING = "this key is missing"
 _MEANT = re.compile(r"unknown key; did you mean '(.+?)'\?")
 
@@ -803,28 +804,35 @@ class Repaired(Generic[File]):
 
     def touches(self, key: Key) -> bool:
         """Whether a key, or a table that holds it, was repaired: what is wrong there is no fault of the document."""
-        return any(key[: len(place)] == place for place in self.places)
+        return _touches(self.places, key)
 
     def touched_in(self, table: Key) -> bool:
         """Whether a key of the table itself was repaired."""
         return any(place[:-1] == table for place in self.places)
 
 
+def _touches(places: Iterable[Key], key: Key) -> bool:
+    return any(key[: len(place)] == place for place in places)
+
+
 def repaired(document: Document, kind: type[File]) -> Repaired[File]:
     """The document as `kind`, with all that is missing, unknown or out of range."""
     data = deepcopy(document.data)
     problems: list[Problem] = []
+    consequences: list[Problem] = []
     places: set[Key] = set()
     while True:
         try:
             file = kind.model_validate(data)
             return Repaired(file, _without_consequences(problems), frozenset(places))
         except ValidationError as error:
+            before = frozenset(places)
             for details in error.errors():
                 problem = _problem(details, kind)
-                if problem in problems:  # it cannot be repaired
-                    raise document.error(problems) from None
-                problems.append(problem)
+                if problem in problems or problem in consequences:  # it cannot be repaired
+                    raise document.error(_without_consequences(problems)) from None
+                # what is wrong with an example is nothing that was written
+                (consequences if _touches(before, problem.key) else problems).append(problem)
                 places.add(_repair(data, problem.key, details, kind))
 
 
@@ -840,6 +848,8 @@ def _repair(data: dict[str, Any], key: Key, details: ErrorDetails, kind: type[_E
         key = key[:2]
         value: Any = {name: example_of(DropEntry.model_fields[name]) for name in ("id", "particle", "wall")}
         value |= {"rig": "drop", "repetitions": ["r01.mp4"]}
+    elif details["type"] in _NO_TABLE:
+        value = {}
     else:
         section = kind if len(details["loc"]) == 1 else _section(details["loc"][:-1])
         field = section.model_fields.get(str(key[-1])) if isinstance(key[-1], str) else None
@@ -890,7 +900,7 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
             return Problem(key, f"{given} is not a text; put it in quotes.")
         case "list_type":
             return Problem(key, f"{given} is not a list; write {_list_hint(section, name)}.")
-        case "dict_type" | "model_type" | "model_attributes_type":
+        case kind_of_fault if kind_of_fault in _NO_TABLE:
             return Problem(key, f"{given} is not a table; write it as [{_header(key)}] with its keys below.")
     return Problem(key, f"{given} cannot be used ({details['msg'].lower()}).")
 
