@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.curve_overlays import Overlay
 from rigtwin.compare.deviation import MOMENTS, Deviation, counted, group, key_of, over_views
-from rigtwin.compare.measure_repetitions import Failure, replaces
+from rigtwin.compare.measure_repetitions import Failure, Measured, rejections, replaces
 from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
@@ -44,7 +44,7 @@ class Outcome:
         return (
             *((f"measured without a twin: {self.without_twin}",) if self.without_twin else ()),
             *_failed_runs(self),
-            *(f"{file.name} is rejected in lab.toml: {why}" for file, why in self.experiment.rejected.items()),
+            *rejections(self.experiment),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
@@ -115,12 +115,7 @@ class Comparison:
 
 def _experiment_json(outcome: Outcome) -> dict[str, Any]:
     return {
-        "id": outcome.experiment.id,
-        "rig": outcome.experiment.rig_name,
-        "stated": [quantity.to_json() for quantity in outcome.experiment.measured],
-        "measurements": [item.to_json() for item in outcome.measurements],
-        "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
-        "rejected": [{"file": str(file), "reason": why} for file, why in outcome.experiment.rejected.items()],
+        **Measured(outcome.experiment, outcome.measurements, outcome.failures).to_json(),
         "twins": [twin.to_json() for twin in outcome.twins],
         **({"without_twin": outcome.without_twin} if outcome.without_twin else {}),
         "warnings": list(outcome.warnings),

@@ -11,7 +11,7 @@ from rigtwin.compare import result_files
 from rigtwin.compare.chosen import chosen
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
-from rigtwin.compare.measure_repetitions import Measured, folders, measuring
+from rigtwin.compare.measure_repetitions import Measured, folders, measuring, rejections
 from rigtwin.compare.preflight import need_fitting_media
 from rigtwin.lab.file.lab_file import Lab, read_lab
 from rigtwin.lab.output_files import remove_leftovers
@@ -60,10 +60,11 @@ class LabMeasurements:
 
     @property
     def warnings(self) -> list[str]:
-        """Repetitions that could not be measured, and warnings of the others."""
+        """Repetitions that are rejected or could not be measured, and warnings of the others."""
         found = []
         for one in self.measured:
             name = one.experiment.id
+            found += [f"{name}: {each}" for each in rejections(one.experiment)]
             found += [
                 f"{name}: {failure.source.name} could not be measured: {failure.message}" for failure in one.failures
             ]
@@ -87,16 +88,7 @@ class LabMeasurements:
         return {
             "title": self.lab.title,
             "lab": str(self.lab.path.resolve()),
-            "experiments": [
-                {
-                    "id": one.experiment.id,
-                    "rig": one.experiment.rig_name,
-                    "stated": [quantity.to_json() for quantity in one.experiment.measured],
-                    "measurements": [item.to_json() for item in one.measurements],
-                    "failures": [{"file": str(item.source), "message": item.message} for item in one.failures],
-                }
-                for one in self.measured
-            ],
+            "experiments": [one.to_json() for one in self.measured],
             "files": {name: str(path) for name, path in self.files.items()},
         }
 
@@ -139,7 +131,7 @@ def measure_lab(
     Raises
     ------
     BadLabFile
-        If lab.toml is not valid.
+        If lab.toml is not valid, rejects all repetitions of an experiment, or states what none of them fits.
     """
     lab = read_lab(lab_folder, allow_outside=allow_outside)
     experiments = chosen(lab, only)

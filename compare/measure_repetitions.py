@@ -56,6 +56,22 @@ class Measured:
         found = (quantity for item in self.measurements for quantity in over_views(item.quantities))
         return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
 
+    def to_json(self) -> dict[str, Any]:
+        """The part of an experiment in ``measurements.json`` and ``deviations.json``."""
+        return {
+            "id": self.experiment.id,
+            "rig": self.experiment.rig_name,
+            "stated": [quantity.to_json() for quantity in self.experiment.measured],
+            "measurements": [item.to_json() for item in self.measurements],
+            "failures": [{"file": str(item.source), "message": item.message} for item in self.failures],
+            "rejected": [{"file": str(file), "reason": why} for file, why in self.experiment.rejected.items()],
+        }
+
+
+def rejections(experiment: Experiment) -> list[str]:
+    """A warning for each file that lab.toml names but rejects."""
+    return [f"{file.name} is rejected in lab.toml: {why}" for file, why in experiment.rejected.items()]
+
 
 def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
     """Whether a stated quantity replaces one from media: the same quantity, by the same method or by the only one."""

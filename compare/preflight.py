@@ -25,8 +25,7 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
     lacking: dict[str, str] = {}
     faults: list[Fault] = []
     for experiment in experiments:
-        if experiment.rejected and not (experiment.repetitions or experiment.measured):
-            faults.append(Fault(experiment, ("files",), "all repetitions are rejected; accept one of them."))
+        if _all_rejected(experiment, faults):
             continue
         rate = _frame_rate(experiment, faults)
         try:
@@ -42,12 +41,21 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
 
 
 def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
-    """Raise `BadLabFile` with all experiments of which no repetition fits the camera settings."""
+    """Raise `BadLabFile` with all experiments of which every repetition is rejected, or none fits the camera settings."""
     faults: list[Fault] = []
     for experiment in experiments:
-        _frame_rate(experiment, faults)
+        if not _all_rejected(experiment, faults):
+            _frame_rate(experiment, faults)
     if faults:
         raise faulty(lab, faults)
+
+
+def _all_rejected(experiment: Experiment, faults: list[Fault]) -> bool:
+    """Whether nothing is left to be measured and nothing is stated, which is then added to `faults`."""
+    if not experiment.rejected or experiment.repetitions or experiment.measured:
+        return False
+    faults.append(Fault(experiment, ("files",), "all repetitions are rejected; accept one of them."))
+    return True
 
 
 def _of_twin(experiment: Experiment, error: BadInput, count: int | None) -> Fault:

@@ -138,6 +138,21 @@ def test_what_is_said_of_one_file_of_a_folder_counts_for_that_file_alone(lab, tm
     assert measured == ["r2.csv"]
 
 
+def test_rejected_files_are_listed_and_a_lab_without_others_is_refused(lab, tmp_path, capsys):
+    drop, bed = LAB.split("\n\n")
+    tables = [f'[experiments.files."drops/r{number}.csv"]\nrejected = "a draught"' for number in (1, 2, 10)]
+    (lab / "lab.toml").write_text("\n".join([drop, *tables[:1]]) + f"\n\n{bed}")
+    found = measure_lab(lab, tmp_path / "out")
+    assert found.warnings[0] == "drop: r1.csv is rejected in lab.toml: a draught"
+    (one, _) = found.to_json()["experiments"]
+    assert one["rejected"] == [{"file": str(lab / "drops/r1.csv"), "reason": "a draught"}]
+
+    (lab / "lab.toml").write_text("\n".join([drop, *tables]) + f"\n\n{bed}")
+    for command in ("measure", "compare"):
+        assert run([command, str(lab), "--out", str(tmp_path / command)]) == 2
+        assert "experiment 1, files: all repetitions are rejected; accept one of them." in capsys.readouterr().err
+
+
 def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
     experiment = read_lab(lab).experiments[0]
     out = tmp_path / "out"
