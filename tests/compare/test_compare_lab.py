@@ -379,6 +379,14 @@ repetitions = ["clip.avi"]
         ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
         ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start and end leave"]),
         ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
+        (
+            "rig='drop'\ncamera.end='15 frames'\n[experiments.files.'clip.avi']\nregion=[500,0,9,9]",
+            ['line 10: experiment 1, files."clip.avi".region: ', "80 x 60 px"],
+        ),
+        (
+            "rig='drop'\ncamera.region=[500,0,9,9]\n[experiments.files.'clip.avi']\nend='15 frames'",
+            ["line 8: experiment 1, camera.region: "],
+        ),
     ],
 )
 def test_impossible_settings_are_refused_with_their_line_before_anything_is_measured(
