@@ -42,7 +42,7 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
 
 
 def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
-    """Raise `BadLabFile` with all experiments of which every repetition is rejected, or none fits the camera settings."""
+    """Raise `BadLabFile` with the experiments whose repetitions are all rejected, or none of which fits the camera."""
     faults: list[Fault] = []
     for experiment in experiments:
         if not _all_rejected(experiment, faults):
