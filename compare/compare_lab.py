@@ -328,11 +328,7 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
     rows = []
     for outcome in comparison.outcomes:
         name, rig = outcome.experiment.id, outcome.experiment.rig_name
-        for item in outcome.measurements:
-            source = result_files.relative(item.source, comparison.lab.folder)
-            rows += [result_files.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
-        stated = outcome.experiment.measured
-        rows += [result_files.observation(name, rig, "stated", comparison.lab.path.name, item) for item in stated]
+        rows += outcome.measured.observations(comparison.lab)
         seeds = (seed for seed in itertools.count(comparison.seed) if seed not in outcome.lost_runs)
         for number, twin in zip(seeds, outcome.twins, strict=False):
             by = twin.settings.get("engine", {}).get("computed_by")

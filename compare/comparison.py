@@ -39,6 +39,11 @@ class Outcome:
     """Why runs of its twin ended without a result, by seed, where others did not."""
 
     @property
+    def measured(self) -> Measured:
+        """What its repetitions gave."""
+        return Measured(self.experiment, self.measurements, self.failures)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """All warnings of this experiment, each with the name of its file."""
         return (
@@ -115,7 +120,7 @@ class Comparison:
 
 def _experiment_json(outcome: Outcome) -> dict[str, Any]:
     return {
-        **Measured(outcome.experiment, outcome.measurements, outcome.failures).to_json(),
+        **outcome.measured.to_json(),
         "twins": [twin.to_json() for twin in outcome.twins],
         **({"without_twin": outcome.without_twin} if outcome.without_twin else {}),
         "warnings": list(outcome.warnings),

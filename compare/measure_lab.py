@@ -33,15 +33,7 @@ class LabMeasurements:
     @property
     def rows(self) -> list[dict[str, Any]]:
         """Every quantity of every repetition, and those that lab.toml states."""
-        found = []
-        for one in self.measured:
-            name, rig = one.experiment.id, one.experiment.rig_name
-            for item in one.measurements:
-                source = result_files.relative(item.source, self.lab.folder)
-                found += [result_files.observation(name, rig, "measured", source, each) for each in item.quantities]
-            stated = one.experiment.measured
-            found += [result_files.observation(name, rig, "stated", self.lab.path.name, each) for each in stated]
-        return found
+        return [row for one in self.measured for row in one.observations(self.lab)]
 
     @property
     def means(self) -> tuple[Deviation, ...]:

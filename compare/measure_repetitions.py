@@ -13,10 +13,11 @@ from typing import Any
 
 from rigtwin.compare.deviation import key_of, over_views
 from rigtwin.compare.kept_measurements import KeptMeasurements
+from rigtwin.compare.result_files import observation, relative
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
-from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
@@ -55,6 +56,15 @@ class Measured:
         stated = self.experiment.measured
         found = (quantity for item in self.measurements for quantity in over_views(item.quantities))
         return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
+
+    def observations(self, lab: Lab) -> list[dict[str, Any]]:
+        """Rows of ``measurements.csv`` and ``observations.csv``: every quantity measured, then those stated."""
+        name, rig = self.experiment.id, self.experiment.rig_name
+        rows = []
+        for item in self.measurements:
+            source = relative(item.source, lab.folder)
+            rows += [observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
+        return rows + [observation(name, rig, "stated", lab.path.name, one) for one in self.experiment.measured]
 
     def to_json(self) -> dict[str, Any]:
         """The part of an experiment in ``measurements.json`` and ``deviations.json``."""
