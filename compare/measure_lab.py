@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
-from rigtwin.compare.chosen import chosen
+from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Measured, folders, measuring, rejections
 from rigtwin.compare.preflight import need_fitting_media
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.file.lab_file import Lab, read_lab
 from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
@@ -37,7 +39,7 @@ class LabMeasurements:
 
     @property
     def means(self) -> tuple[Deviation, ...]:
-        """The repetitions of each experiment combined; without simulated values."""
+        """The repetitions of each experiment combined, with the scatter that `compare` uses; not simulated."""
         return tuple(
             row
             for one in self.measured
@@ -46,7 +48,9 @@ class LabMeasurements:
                 one.experiment.rig_name,
                 one.quantities,
                 (),
+                set_from={name: "" for name in [entry_of(one.experiment).starts_from] if name},
                 without_twin="only measured",
+                scatter=partial(known_scatter, one.experiment),
             )
         )
 

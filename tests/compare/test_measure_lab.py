@@ -253,12 +253,18 @@ def test_a_repetition_that_cannot_be_measured_is_named_and_not_tried_again(lab, 
 
 def test_compare_uses_what_measure_has_kept(lab, measured):
     opened = rigtwin.open_lab(lab)
-    frame = opened.measure().to_frame()
+    found = opened.measure()
+    frame = found.to_frame()
     assert set(frame["repetition"]) == {"drops/r1.csv", "drops/r2.csv", "drops/r10.csv", "bed.csv"}
     measured.clear()
     compared = opened.compare(only="drop")
     assert measured == []
     assert len(compared.outcomes[0].measurements) == 3
+    alone = [one for one in found.means if one.experiment == "drop"]
+    assert [(one.measured, one.measured_std_uncertainty, one.scatter) for one in alone] == [
+        (one.measured, one.measured_std_uncertainty, one.scatter) for one in compared.deviations
+    ]
+    assert {one.scatter is None for one in alone} == {True, False}
     opened.compare(only="drop", again=True)
     assert len(measured) == 3
 
