@@ -275,7 +275,7 @@ Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, UPSIDE_DOWN), Field(examples=["45 deg"])]
 Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
-Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
+Moment = Annotated[camera.Moment, _edge(_moment, partial(InSi, dimension="time")), Field(examples=["0.25 s"])]
 KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
 PlumbLine = Annotated[float, _edge(_plumb_line)]
 Line = Annotated[camera.Line, _edge(_line)]
@@ -327,7 +327,9 @@ class ContactEntry(_Entry):
     restitution: Restitution | None = Field(default=None, description="coefficient of restitution")
     static_friction: Friction | None = Field(default=None, description="Coulomb limit of the tangential force")
     rolling_friction: Friction | None = Field(
-        default=None, description="torque limit mu_r Fn R on each body, not the tangent of a tilting angle"
+        default=None,
+        examples=[0.06],
+        description="torque limit mu_r Fn R on each body, not the tangent of a tilting angle",
     )
 
 
@@ -374,7 +376,7 @@ class CameraEntry(_Entry):
         default=None, examples=["1.5 s"], description="end of the evaluated part, a time or a frame"
     )
     exclude: Spans = Field(default=(), examples=[["60f..80f"]], description="parts of the clip that are left out")
-    camera_roll: Annotated[float, _edge(_roll)] | None = Field(
+    camera_roll: Annotated[float, _edge(_roll, partial(InSi, dimension="angle"))] | None = Field(
         default=None,
         examples=["0.5 deg"],
         description="positive when the scene looks turned clockwise; measured when not stated",
