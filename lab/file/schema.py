@@ -21,10 +21,23 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from rigtwin.lab import camera
+from rigtwin.lab.drum_flow import FILL
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
-from rigtwin.lab.rigs import RIGS, SETTINGS, UPSIDE_DOWN, RigSettings
+from rigtwin.lab.rigs import (
+    LIFT_SPEED,
+    OUTLET_SHARE,
+    RIGS,
+    SETTINGS,
+    SLOT_LENGTH,
+    SLOT_WIDTH,
+    UPSIDE_DOWN,
+    Hopper,
+    Packing,
+    RigSettings,
+    Tilt,
+)
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
@@ -634,7 +647,9 @@ class PileEntry(_ExperimentEntry):
         default=None, examples=["50 mm"], description="pouring: of the tube, inside; by default half the base"
     )
     lift_speed: Speed | None = Field(
-        default=None, examples=["20 mm/s"], description="pouring: with which the tube is lifted; by default 20 mm/s"
+        default=None,
+        examples=["20 mm/s"],
+        description=f"pouring: with which the tube is lifted; by default {1e3 * LIFT_SPEED:.3g} mm/s",
     )
     drain_diameter: Length | None = Field(
         default=None,
@@ -667,7 +682,10 @@ class TiltEntry(_ExperimentEntry):
         default=None, examples=["150 mm"], description="of the plate or arm, from hinge to tip"
     )
     speed: Tilting | None = Field(
-        default=None, description="with which the plate is tilted; by default as seen in the film, else 1 deg/s"
+        default=None,
+        description=(
+            f"with which the plate is tilted; by default as seen in the film, else {math.degrees(Tilt.speed):.2g} deg/s"
+        ),
     )
 
 
@@ -685,10 +703,12 @@ class PackingEntry(_ExperimentEntry):
     outlet_diameter: Length | None = Field(
         default=None,
         examples=["40 mm"],
-        description="of that hopper's slide, or of the funnel; by default 0.6 of the cylinder",
+        description=f"of that hopper's slide, or of the funnel; by default {OUTLET_SHARE:g} of the cylinder",
     )
     fall_height: Length | None = Field(
-        default=None, examples=["20 mm"], description="from the outlet to the cylinder's rim; by default 20 mm"
+        default=None,
+        examples=["20 mm"],
+        description=f"from the outlet to the cylinder's rim; by default {1e3 * Packing.fall_height:.3g} mm",
     )
     total_mass: Mass | None = Field(
         default=None, examples=["212.7 g"], description="of all particles, weighed; the twin needs it or count"
@@ -708,7 +728,7 @@ class DrumEntry(_ExperimentEntry):
     )
     fill: Fraction | None = Field(
         default=None,
-        description="share of the drum's volume that the bed takes; by default as seen in the film, else 0.35",
+        description=f"share of the drum's volume that the bed takes; by default as seen in the film, else {FILL:g}",
     )
     count: Count | None = Field(default=None, description="number of all particles, in place of fill")
     end_wall_friction: Friction | None = Field(
@@ -728,21 +748,28 @@ class HopperEntry(_ExperimentEntry):
     bin_width: Length | None = Field(
         default=None,
         examples=["104 mm"],
-        description="inner width of the bin, or diameter of a conical one; by default 150 mm (100 mm)",
+        description=(
+            "inner width of the bin, or diameter of a conical one; "
+            f"by default {1e3 * SLOT_WIDTH:.3g} mm ({1e3 * Hopper.diameter:.3g} mm)"
+        ),
     )
     depth: Length | None = Field(
         default=None,
         examples=["68 mm"],
-        description="slot: length of the slot along the line of sight; by default 68 mm",
+        description=f"slot: length of the slot along the line of sight; by default {1e3 * SLOT_LENGTH:.3g} mm",
     )
     outlet: Length | None = Field(
         default=None, examples=["34 mm"], description="width of the slot or diameter of the outlet; the twin needs it"
     )
     cone_height: Length | None = Field(
-        default=None, examples=["100 mm"], description="conical: of the cone; by default 100 mm"
+        default=None,
+        examples=["100 mm"],
+        description=f"conical: of the cone; by default {1e3 * Hopper.cone_height:.3g} mm",
     )
     inclination: Release | None = Field(
-        default=None, examples=["60 deg"], description="slot: of the walls from the level; by default 60 deg"
+        default=None,
+        examples=["60 deg"],
+        description=f"slot: of the walls from the level; by default {math.degrees(Hopper.inclination):.3g} deg",
     )
     total_mass: Mass | None = Field(
         default=None, examples=["85 g"], description="of all particles, weighed; the twin needs it or count"
