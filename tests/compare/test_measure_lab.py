@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import asdict, fields, replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -249,6 +250,25 @@ def test_a_repetition_that_cannot_be_measured_is_named_and_not_tried_again(lab, 
     assert measured == []
     drops, _ = json.loads(capsys.readouterr().out)["experiments"]
     assert [len(drops[what]) for what in ("measurements", "failures")] == [3, 1]
+
+
+def test_the_picture_that_a_kept_failure_names_is_there(lab, tmp_path, measured):
+    out = tmp_path / "out"
+    cv2.imwrite(str(lab / "bed.png"), np.random.default_rng(1).normal(120, 5, (300, 400)).astype(np.uint8))
+    (lab / "lab.toml").write_text(LAB.replace("bed.csv", "bed.png"))
+
+    def failure():
+        (found,) = measure_lab(lab, out, only=["bed"]).measured
+        return found.failures[0]
+
+    picture = out / "bed" / "bed-seen.png"
+    assert f"{picture} shows what was seen" in failure().message
+    assert f"{picture} shows what was seen" in failure().message
+    assert measured == ["bed.png"]
+    picture.unlink()  # as by a measurement with other settings that succeeds
+    failure()
+    assert picture.is_file()
+    assert measured == ["bed.png", "bed.png"]
 
 
 def test_compare_uses_what_measure_has_kept(lab, measured):
