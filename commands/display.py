@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from rigtwin.compare.campaign.store import Kept
     from rigtwin.compare.comparison import Comparison
+    from rigtwin.compare.deviation import Deviation
     from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.measure_lab import LabMeasurements
@@ -182,8 +183,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
         table.add_section()
     console.print(table)
     console.print(escape(comparison.headline))
-    if rest:
-        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in the report and deviations.csv")
+    _tell_rest(console, rest, "the report and deviations.csv")
     notes: dict[tuple[str, str], list[str]] = {}
     for row in primary:
         notes.setdefault((row.experiment, row.note), []).append(title(row.quantity))
@@ -191,14 +191,23 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
         if note:
             of = ", ".join(dict.fromkeys([name, *quantities]))
             console.print(f"[dim]note:[/dim] {escape(f'{of}: {note}')}")
-    for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
-        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
+    _tell_doubtful(console, primary)
     for warning in comparison_warnings(comparison):
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     for sentence in comparison.lab.borrowed:
         console.print(f"[dim]borrowed:[/dim] {escape(sentence)}")
     for path in comparison.files.values():
         typer.echo(f"wrote {path}")
+
+
+def _tell_rest(console: Console, rest: Sequence[Deviation], place: str) -> None:
+    if rest:
+        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in {place}")
+
+
+def _tell_doubtful(console: Console, rows: Sequence[Deviation]) -> None:
+    for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in rows if row.doubtful):
+        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
 
 
 def show_lab_measurements(found: LabMeasurements, as_json: bool, quiet: bool) -> None:
@@ -230,10 +239,8 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
             "[yellow]doubtful[/yellow]" if row.doubtful else "",
         )
     console.print(table)
-    if rest:
-        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in measurements.csv")
-    for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in primary if row.doubtful):
-        console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
+    _tell_rest(console, rest, "measurements.csv")
+    _tell_doubtful(console, primary)
     for warning in found.warnings:
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
     for path in found.files.values():

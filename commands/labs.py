@@ -11,15 +11,9 @@ import typer
 
 from rigtwin.commands import simulate
 from rigtwin.commands.display import comparison_warnings, show_comparison, show_diagnosis
-from rigtwin.commands.options import Cluster, Out, Runs, Seed, Stiffness, Threads
+from rigtwin.commands.options import Again, Cluster, Out, Outside, Runs, Seed, Stiffness, Threads, beside
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
-
-Outside = Annotated[
-    bool, typer.Option("--allow-outside", help="Let the lab name files outside its folder (absolute paths, links, ..).")
-]
-
-Again = Annotated[bool, typer.Option("--again", help="Measure repetitions again whose measurements are kept in OUT.")]
 
 
 @finished(show_comparison, comparison_warnings)
@@ -136,8 +130,3 @@ def diagnose(
         diagnose_folder, lab, beside(lab, out), own=effect or (), only=only or (), allow_outside=allow_outside,
         store=store, workers=workers, cluster=cluster, seed=seed,
     )  # fmt: skip
-
-
-def beside(lab: Path, out: Path | None) -> Path:
-    """Folder for results: `out`, or ``out`` in the lab folder."""
-    return out or (lab if lab.is_dir() else lab.parent) / "out"

@@ -11,14 +11,16 @@ import typer
 from typer.core import TyperGroup
 
 from rigtwin.commands.display import show_lab_measurements
-from rigtwin.commands.labs import Again, Outside, beside
 from rigtwin.commands.options import (
     FILM,
     PHOTO,
+    Again,
     BeadDiameter,
     BeadMass,
     Out,
+    Outside,
     TotalMass,
+    beside,
     density,
     filmed,
     quantity,

@@ -91,6 +91,16 @@ def out_option(help_text: str) -> Any:
 
 
 Out = Annotated[Path | None, out_option("Folder for results; LAB/out by default.")]
+Outside = Annotated[
+    bool, typer.Option("--allow-outside", help="Let the lab name files outside its folder (absolute paths, links, ..).")
+]
+Again = Annotated[bool, typer.Option("--again", help="Measure repetitions again whose measurements are kept in OUT.")]
+
+
+def beside(lab: Path, out: Path | None) -> Path:
+    """Folder for results: `out`, or ``out`` in the lab folder."""
+    return out or (lab if lab.is_dir() else lab.parent) / "out"
+
 
 BeadDiameter = Annotated[float | None, quantity("--bead-diameter", "length", "6mm", "Diameter of the bead.")]
 BeadMass = Annotated[float | None, quantity("--bead-mass", "mass", "0.69g", "Mass of one bead.")]

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from rigtwin.commands.display import print_json
-from rigtwin.commands.labs import Outside
-from rigtwin.commands.options import Json, Quiet
+from rigtwin.commands.options import Json, Outside, Quiet
 
 
 def review(

@@ -10,8 +10,7 @@ import typer
 
 from rigtwin.commands import simulate
 from rigtwin.commands.display import print_json
-from rigtwin.commands.labs import Outside
-from rigtwin.commands.options import Cluster, Seed, Stiffness, out_option
+from rigtwin.commands.options import Cluster, Outside, Seed, Stiffness, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
 

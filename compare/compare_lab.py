@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -187,6 +188,8 @@ class _Ran:
     twins: dict[str, list[Twin]]
     without: dict[str, str]
     """Why an experiment has no twin."""
+    lost: dict[str, dict[int, str]]
+    """Why runs of a twin failed, by seed, where others did not."""
     filmed: dict[str, Experiment]
     """The experiments with the settings that their media show."""
     seen: dict[str, str]
@@ -214,6 +217,7 @@ def _measured_and_run(
     Twins of many particles are runs of a campaign if `where` is given.
     """
     twins, without = dict(imported), dict(lacking)
+    lost: dict[str, dict[int, str]] = {}
     filmed, seen = {one.id: one for one in experiments}, dict.fromkeys((one.id for one in experiments), "")
 
     def run(waiting: Sequence[Experiment], measured: Mapping[str, Measured]) -> None:
@@ -222,7 +226,11 @@ def _measured_and_run(
             many = [one for one in waiting if entry_of(one).many_particles]
             done, failed = _side_by_side(lab, many, out / RUNS, settings, seeds, where, progress)
             twins.update(done)
-            without.update(failed)
+            for name, why in failed.items():
+                if name in done:
+                    lost[name] = why
+                else:
+                    without[name] = f"the twin failed: {next(iter(why.values()))}"
         for one in waiting:
             if one.id in twins or one.id in without:
                 continue
@@ -256,7 +264,7 @@ def _measured_and_run(
         run([filmed[one.id] for one in late], measured)
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     seconds["measuring, beside early twins"] = measured_after
-    return _Ran(measured, twins, without, filmed, seen, seconds)
+    return _Ran(measured, twins, without, lost, filmed, seen, seconds)
 
 
 def _side_by_side(
@@ -267,24 +275,24 @@ def _side_by_side(
     seeds: range,
     where: Runner,
     progress: Progress,
-) -> tuple[dict[str, list[Twin]], dict[str, str]]:
-    """Twins of many particles by experiment, one for each seed, and why others failed; finished ones are kept."""
+) -> tuple[dict[str, list[Twin]], dict[str, dict[int, str]]]:
+    """Twins of many particles by experiment, one for each seed, and why other seeds failed; finished ones are kept."""
     options = {name: value for name, value in settings.items() if name != "threads"}  # each run has one
-    names = {one.id: [f"{one.id}, seed {seed}" for seed in seeds] for one in experiments}
+    names = {one.id: {seed: f"{one.id}, seed {seed}" for seed in seeds} for one in experiments}
     runs = [
         twin_run(name, one, lab.model, seed=seed, **options)
         for one in experiments
-        for name, seed in zip(names[one.id], seeds, strict=True)
+        for seed, name in names[one.id].items()
     ]
     done = run_all(runs, store, runner=where, progress=progress)
     done.raise_faults()
     twins, failed = {}, {}
     for one in experiments:
-        finished = [twin_from(done.results[name]) for name in names[one.id] if name in done.results]
-        if finished:
+        mine = names[one.id]
+        if finished := [twin_from(done.results[name]) for name in mine.values() if name in done.results]:
             twins[one.id] = finished
-        else:
-            failed[one.id] = f"the twin failed: {done.failures[names[one.id][0]].rstrip('.')}"
+        if lost := {seed: done.failures[name].rstrip(".") for seed, name in mine.items() if name in done.failures}:
+            failed[one.id] = lost
     return twins, failed
 
 
@@ -320,14 +328,11 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
     rows = []
     for outcome in comparison.outcomes:
         name, rig = outcome.experiment.id, outcome.experiment.rig_name
-        for item in outcome.measurements:
-            source = result_files.relative(item.source, comparison.lab.folder)
-            rows += [result_files.observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
-        stated = outcome.experiment.measured
-        rows += [result_files.observation(name, rig, "stated", comparison.lab.path.name, item) for item in stated]
-        for number, twin in enumerate(outcome.twins):
+        rows += outcome.measured.observations(comparison.lab)
+        seeds = (seed for seed in itertools.count(comparison.seed) if seed not in outcome.lost_runs)
+        for number, twin in zip(seeds, outcome.twins, strict=False):
             by = twin.settings.get("engine", {}).get("computed_by")
-            seed = twin.settings.get("seed") if by else comparison.seed + number
+            seed = twin.settings.get("seed") if by else number
             run = f"twin{f' by {by}' if by else ''}, seed {seed}"
             rows += [result_files.observation(name, rig, "simulated", run, item) for item in twin.evaluation.quantities]
     return rows
@@ -477,5 +482,12 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
     )
     shapes = comparable(entry.curves(experiment, measured.measurements, sound)) if sound else ()
     return Outcome(
-        experiment, measured.measurements, measured.failures, tuple(twins), rows, shapes, without_twin=without
+        experiment,
+        measured.measurements,
+        measured.failures,
+        tuple(twins),
+        rows,
+        shapes,
+        without_twin=without,
+        lost_runs=ran.lost.get(experiment.id, {}),
     )

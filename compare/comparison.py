@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.curve_overlays import Overlay
 from rigtwin.compare.deviation import MOMENTS, Deviation, counted, group, key_of, over_views
-from rigtwin.compare.measure_repetitions import Failure, replaces
+from rigtwin.compare.measure_repetitions import Failure, Measured, rejections, replaces
 from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
@@ -35,6 +35,13 @@ class Outcome:
     shapes: tuple[Overlay, ...] = ()
     without_twin: str = ""
     """Why no twin is compared: it lacks something, or it failed."""
+    lost_runs: Mapping[int, str] = field(default_factory=dict)
+    """Why runs of its twin ended without a result, by seed, where others did not."""
+
+    @property
+    def measured(self) -> Measured:
+        """What its repetitions gave."""
+        return Measured(self.experiment, self.measurements, self.failures)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -42,7 +49,7 @@ class Outcome:
         return (
             *((f"measured without a twin: {self.without_twin}",) if self.without_twin else ()),
             *_failed_runs(self),
-            *(f"{file.name} is rejected in lab.toml: {why}" for file, why in self.experiment.rejected.items()),
+            *rejections(self.experiment),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
@@ -113,12 +120,7 @@ class Comparison:
 
 def _experiment_json(outcome: Outcome) -> dict[str, Any]:
     return {
-        "id": outcome.experiment.id,
-        "rig": outcome.experiment.rig_name,
-        "stated": [quantity.to_json() for quantity in outcome.experiment.measured],
-        "measurements": [item.to_json() for item in outcome.measurements],
-        "failures": [{"file": str(item.source), "message": item.message} for item in outcome.failures],
-        "rejected": [{"file": str(file), "reason": why} for file, why in outcome.experiment.rejected.items()],
+        **outcome.measured.to_json(),
         "twins": [twin.to_json() for twin in outcome.twins],
         **({"without_twin": outcome.without_twin} if outcome.without_twin else {}),
         "warnings": list(outcome.warnings),
@@ -130,6 +132,8 @@ def _failed_runs(outcome: Outcome) -> Iterator[str]:
     for number, twin in enumerate(outcome.twins, start=1):
         if twin.failed and not outcome.without_twin:
             yield f"run {number} of the twin failed and is not compared: {twin.failed}"
+    for seed, why in outcome.lost_runs.items():
+        yield f"the run of the twin with seed {seed} failed and is not compared: {why}"
 
 
 def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:

@@ -61,6 +61,8 @@ UNINFORMATIVE = 25.0
 # (benchmarks/compare/verdict_rates.py).
 SURE = 0.975
 
+CONTRADICTED = 0.01  # probability of the own scatter, below which it contradicts what is known beforehand
+
 Key = tuple[str, str, str, tuple[tuple[str, Detail], ...]]
 
 
@@ -88,6 +90,8 @@ class Combined:
     """Relative standard deviation of a single repetition, where a prior of it was used."""
     prior: Scatter | None = None
     """The prior, where it weighs more than the own repetitions."""
+    own_scatter: float | None = None
+    """Relative standard deviation of the own repetitions, where it is too large for that prior."""
 
 
 @dataclass(frozen=True)
@@ -212,7 +216,7 @@ def combine(repetitions: Sequence[Quantity], prior: Scatter | None = None) -> Co
         doubtful="" if sound else "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions)),
         left_out=len(repetitions) - n,
         freedom=_freedom([(random, freedom if scatter > own else math.inf)], std_uncertainty),
-        **_known_beforehand(scatter, n, fmean(values), prior),
+        **_known_beforehand(scatter, stdev(values) if n > 1 else 0.0, n, fmean(values), prior),
     )
 
 
@@ -227,12 +231,33 @@ def _pooled(std: float, n: int, mean: float, prior: Scatter | None) -> tuple[flo
     return math.sqrt((prior.freedom * before**2 + (n - 1) * std**2) / freedom), freedom
 
 
-def _known_beforehand(std: float, n: int, mean: float, prior: Scatter | None) -> dict[str, Any]:
+def _known_beforehand(std: float, own: float, n: int, mean: float, prior: Scatter | None) -> dict[str, Any]:
+    """What was used of the prior: `std` is the standard deviation with it, `own` that of the repetitions alone."""
     if prior is None:
         return {}
     if mean == 0:
         return {"scatter": 0.0}
-    return {"scatter": std / abs(mean), "prior": prior if n - 1 < prior.freedom else None}
+    weighs = n - 1 < prior.freedom
+    large = weighs and _by_chance(own / abs(mean), n - 1, prior) < CONTRADICTED
+    return {
+        "scatter": std / abs(mean),
+        "prior": prior if weighs else None,
+        "own_scatter": own / abs(mean) if large else None,
+    }
+
+
+def _by_chance(own: float, freedom: float, prior: Scatter) -> float:
+    """Probability of an own scatter at least as large, if the prior holds (F test, one-sided)."""
+    from scipy.special import chdtrc, fdtrc
+
+    if freedom <= 0:
+        return 1.0
+    if prior.relative == 0:
+        return 0.0 if own > 0 else 1.0
+    ratio = (own / prior.relative) ** 2
+    return float(
+        chdtrc(freedom, freedom * ratio) if math.isinf(prior.freedom) else fdtrc(freedom, prior.freedom, ratio)
+    )
 
 
 def _stated(mean: Quantity, prior: Scatter | None) -> Combined:
@@ -250,7 +275,7 @@ def _stated(mean: Quantity, prior: Scatter | None) -> Combined:
         budget=mean.budget if prior is None else {"repetition": random},
         freedom=_freedom([(scatter / math.sqrt(mean.n), freedom)], random) if prior or mean.n > 1 else math.inf,
         stated=True,
-        **_known_beforehand(scatter, mean.n, mean.value, prior),
+        **_known_beforehand(scatter, std, mean.n, mean.value, prior),
     )
 
 
@@ -655,6 +680,12 @@ def _note(run_name: str, measured: Combined, simulated: Combined | None, set_fro
             f"{' and '.join(few)}: a scatter of {100 * measured.scatter:.2g} % is in the uncertainty "
             f"({measured.prior.source})"
         )
+    for name, one, what in sides:
+        if one is not None and one.prior is not None and one.own_scatter is not None:
+            notes.append(
+                f"the {one.n} {name} {what or 'repetition'}s scatter by {100 * one.own_scatter:.2g} %, too much for a "
+                f"scatter of {100 * one.prior.relative:.2g} % ({one.prior.source}; F test, p < {CONTRADICTED:g})"
+            )
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:

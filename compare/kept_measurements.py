@@ -1,7 +1,8 @@
 """Measurements that are kept beside the results, so that no repetition is measured twice.
 
 A measurement is found again by a digest of its media, of all settings that it depends on, and of the program.  It is
-used as long as the pictures that were written with it are there.
+used as long as the pictures that were written with it are there as they were: other settings write theirs under the
+same names.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from rigtwin.compare.result_files import plain
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import Mark
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.input_files import lies_outside
 from rigtwin.lab.output_files import replacing
@@ -95,21 +97,24 @@ class KeptMeasurements:
             return None
         try:
             document = json.loads(self._place(key, ".json").read_text(encoding="utf-8"))
+            if not all(_is_there(one, self._out) for one in document["files"].values()):
+                return None
             if "failed" in document:
                 return str(document["failed"])
             content = io.BytesIO(self._place(key, ".npz").read_bytes())  # a damaged file would stay open
             with np.load(content, allow_pickle=False) as file:
-                found = _measurement(document, dict(file), views[0], self._out)
+                return _measurement(document, dict(file), views[0], self._out)
         except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile):  # none, or damaged
             return None
-        pictures = found.files.values()
-        return found if all(path.is_file() and not lies_outside(path, self._out) for path in pictures) else None
 
-    def keep(self, key: str, found: Measurement | str) -> None:
-        """Keep a measurement, or why it failed."""
+    def keep(self, key: str, found: Measurement | str, picture: Path | None = None) -> None:
+        """Keep a measurement, or why it failed, with the `picture` that shows what was seen."""
         (self._out / FOLDER).mkdir(parents=True, exist_ok=True)
         if isinstance(found, str):
-            result: dict[str, Any] = {"failed": found}
+            result: dict[str, Any] = {
+                "failed": found,
+                "files": _pictures({"seen": picture} if picture else {}, self._out),
+            }
         else:
             result, arrays = _result(found, self._out)
             with replacing(self._place(key, ".npz")) as part, part.open("wb") as file:
@@ -149,6 +154,23 @@ def code_digest() -> str:
     return whole.hexdigest()
 
 
+def _pictures(files: Mapping[str, Path], out: Path) -> dict[str, dict[str, str]]:
+    """Names of the files in the folder of results, with what they hold."""
+    return {
+        kind: {
+            "path": path.resolve().relative_to(out.resolve()).as_posix(),
+            "sha256": sha256(path) if path.is_file() else "",  # it was taken away since
+        }
+        for kind, path in files.items()
+    }
+
+
+def _is_there(picture: Mapping[str, str], out: Path) -> bool:
+    """Whether a picture lies in the folder of results, and is still the one that was kept."""
+    path = out / picture["path"]
+    return not lies_outside(path, out) and path.is_file() and sha256(path) == picture["sha256"]
+
+
 def _result(found: Measurement, out: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """The document of a measurement, and its arrays."""
     result: dict[str, Any] = {
@@ -159,7 +181,8 @@ def _result(found: Measurement, out: Path) -> tuple[dict[str, Any], dict[str, An
         "warnings": list(found.warnings),
         "camera": dict(found.camera),
         "table": dict(found.table),
-        "files": {kind: path.resolve().relative_to(out.resolve()).as_posix() for kind, path in found.files.items()},
+        "files": _pictures(found.files, out),
+        "marks": [asdict(mark) for mark in found.marks],
     }
     arrays: dict[str, Any] = {}
     for kind, (_, names) in _RECORDS.items():
@@ -190,7 +213,8 @@ def _measurement(result: Mapping[str, Any], arrays: Mapping[str, Any], source: P
         tuple(result["warnings"]),
         result["camera"],
         table=result["table"],
-        files={kind: out / path for kind, path in result["files"].items()},
+        files={kind: out / one["path"] for kind, one in result["files"].items()},
+        marks=tuple(_mark(one) for one in result["marks"]),
         **records,
     )
 
@@ -200,6 +224,10 @@ def _quantity(one: Mapping[str, Any]) -> Quantity:
     budget = {part: _number(value) for part, value in one["budget"].items()}
     detail = {name: _number(value) for name, value in one["detail"].items()}
     return Quantity(**{**one, **numbers, "budget": budget, "detail": detail})
+
+
+def _mark(one: Mapping[str, Any]) -> Mark:
+    return Mark(**{**one, "points": [(x, y) for x, y in one["points"]], "frames": tuple(one["frames"])})
 
 
 def _tupled(values: Mapping[str, Any]) -> dict[str, Any]:

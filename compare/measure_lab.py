@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
-from rigtwin.compare.chosen import chosen
+from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
-from rigtwin.compare.measure_repetitions import Measured, folders, measuring
+from rigtwin.compare.measure_repetitions import Measured, folders, measuring, rejections
 from rigtwin.compare.preflight import need_fitting_media
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.file.lab_file import Lab, read_lab
 from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
@@ -33,19 +35,11 @@ class LabMeasurements:
     @property
     def rows(self) -> list[dict[str, Any]]:
         """Every quantity of every repetition, and those that lab.toml states."""
-        found = []
-        for one in self.measured:
-            name, rig = one.experiment.id, one.experiment.rig_name
-            for item in one.measurements:
-                source = result_files.relative(item.source, self.lab.folder)
-                found += [result_files.observation(name, rig, "measured", source, each) for each in item.quantities]
-            stated = one.experiment.measured
-            found += [result_files.observation(name, rig, "stated", self.lab.path.name, each) for each in stated]
-        return found
+        return [row for one in self.measured for row in one.observations(self.lab)]
 
     @property
     def means(self) -> tuple[Deviation, ...]:
-        """The repetitions of each experiment combined; without simulated values."""
+        """The repetitions of each experiment combined, with the scatter that `compare` uses; not simulated."""
         return tuple(
             row
             for one in self.measured
@@ -54,16 +48,19 @@ class LabMeasurements:
                 one.experiment.rig_name,
                 one.quantities,
                 (),
+                set_from={name: "" for name in [entry_of(one.experiment).starts_from] if name},
                 without_twin="only measured",
+                scatter=partial(known_scatter, one.experiment),
             )
         )
 
     @property
     def warnings(self) -> list[str]:
-        """Repetitions that could not be measured, and warnings of the others."""
+        """Repetitions that are rejected or could not be measured, and warnings of the others."""
         found = []
         for one in self.measured:
             name = one.experiment.id
+            found += [f"{name}: {each}" for each in rejections(one.experiment)]
             found += [
                 f"{name}: {failure.source.name} could not be measured: {failure.message}" for failure in one.failures
             ]
@@ -87,16 +84,7 @@ class LabMeasurements:
         return {
             "title": self.lab.title,
             "lab": str(self.lab.path.resolve()),
-            "experiments": [
-                {
-                    "id": one.experiment.id,
-                    "rig": one.experiment.rig_name,
-                    "stated": [quantity.to_json() for quantity in one.experiment.measured],
-                    "measurements": [item.to_json() for item in one.measurements],
-                    "failures": [{"file": str(item.source), "message": item.message} for item in one.failures],
-                }
-                for one in self.measured
-            ],
+            "experiments": [one.to_json() for one in self.measured],
             "files": {name: str(path) for name, path in self.files.items()},
         }
 
@@ -139,7 +127,7 @@ def measure_lab(
     Raises
     ------
     BadLabFile
-        If lab.toml is not valid.
+        If lab.toml is not valid, rejects all repetitions of an experiment, or states what none of them fits.
     """
     lab = read_lab(lab_folder, allow_outside=allow_outside)
     experiments = chosen(lab, only)

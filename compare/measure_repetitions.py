@@ -13,10 +13,11 @@ from typing import Any
 
 from rigtwin.compare.deviation import key_of, over_views
 from rigtwin.compare.kept_measurements import KeptMeasurements
+from rigtwin.compare.result_files import observation, relative
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
-from rigtwin.lab.file.lab_file import Experiment
+from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
@@ -32,6 +33,8 @@ class Failure:
     message: str
     seen: Seen | None = None
     """What was found in the picture, where there is one."""
+    picture: Path | None = None
+    """The picture that was written and that the message names."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,31 @@ class Measured:
         found = (quantity for item in self.measurements for quantity in over_views(item.quantities))
         return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
 
+    def observations(self, lab: Lab) -> list[dict[str, Any]]:
+        """Rows of ``measurements.csv`` and ``observations.csv``: every quantity measured, then those stated."""
+        name, rig = self.experiment.id, self.experiment.rig_name
+        rows = []
+        for item in self.measurements:
+            source = relative(item.source, lab.folder)
+            rows += [observation(name, rig, "measured", source, quantity) for quantity in item.quantities]
+        return rows + [observation(name, rig, "stated", lab.path.name, one) for one in self.experiment.measured]
+
+    def to_json(self) -> dict[str, Any]:
+        """The part of an experiment in ``measurements.json`` and ``deviations.json``."""
+        return {
+            "id": self.experiment.id,
+            "rig": self.experiment.rig_name,
+            "stated": [quantity.to_json() for quantity in self.experiment.measured],
+            "measurements": [item.to_json() for item in self.measurements],
+            "failures": [{"file": str(item.source), "message": item.message} for item in self.failures],
+            "rejected": [{"file": str(file), "reason": why} for file, why in self.experiment.rejected.items()],
+        }
+
+
+def rejections(experiment: Experiment) -> list[str]:
+    """A warning for each file that lab.toml names but rejects."""
+    return [f"{file.name} is rejected in lab.toml: {why}" for file, why in experiment.rejected.items()]
+
 
 def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
     """Whether a stated quantity replaces one from media: the same quantity, by the same method or by the only one."""
@@ -73,7 +101,9 @@ def measure_repetition(
         with unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)):
             return _measure(experiment, views, out, **more)
     except RigtwinError as error:
-        return Failure(views[0], str(error), error.seen if isinstance(error, BadInput) else None)
+        if isinstance(error, BadInput):
+            return Failure(views[0], str(error), error.seen, error.picture)
+        return Failure(views[0], str(error))
 
 
 @contextmanager
@@ -126,7 +156,10 @@ class Pending:
             progress("measuring repetitions", len(done), len(self.names))
             number = self.started[job]
             found = done[number] = job.result()
-            self.kept.keep(self.keys[number], found.message if isinstance(found, Failure) else found)
+            if isinstance(found, Failure):
+                self.kept.keep(self.keys[number], found.message, found.picture)
+            else:
+                self.kept.keep(self.keys[number], found)
         progress("measuring repetitions", len(self.names), len(self.names))
         mine: dict[str, list[Measurement | Failure]] = {experiment.id: [] for experiment in self.experiments}
         for number, name in enumerate(self.names):

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from rigtwin.compare.result_files import relative
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput, TwinLacks
 from rigtwin.lab.file.lab_file import Experiment, Fault, Lab, faulty
@@ -25,10 +26,9 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
     lacking: dict[str, str] = {}
     faults: list[Fault] = []
     for experiment in experiments:
-        if experiment.rejected and not (experiment.repetitions or experiment.measured):
-            faults.append(Fault(experiment, ("files",), "all repetitions are rejected; accept one of them."))
+        if _all_rejected(experiment, faults):
             continue
-        rate = _frame_rate(experiment, faults)
+        rate = _frame_rate(lab, experiment, faults)
         try:
             _need_known(lab, experiment)
             entry_of(experiment).check(experiment, model=lab.model, frame_rate=rate, count=count)
@@ -42,12 +42,21 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
 
 
 def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
-    """Raise `BadLabFile` with all experiments of which no repetition fits the camera settings."""
+    """Raise `BadLabFile` with the experiments whose repetitions are all rejected, or none of which fits the camera."""
     faults: list[Fault] = []
     for experiment in experiments:
-        _frame_rate(experiment, faults)
+        if not _all_rejected(experiment, faults):
+            _frame_rate(lab, experiment, faults)
     if faults:
         raise faulty(lab, faults)
+
+
+def _all_rejected(experiment: Experiment, faults: list[Fault]) -> bool:
+    """Whether nothing is left to be measured and nothing is stated, which is then added to `faults`."""
+    if not experiment.rejected or experiment.repetitions or experiment.measured:
+        return False
+    faults.append(Fault(experiment, ("files",), "all repetitions are rejected; accept one of them."))
+    return True
 
 
 def _of_twin(experiment: Experiment, error: BadInput, count: int | None) -> Fault:
@@ -76,10 +85,10 @@ def _need_known(lab: Lab, experiment: Experiment) -> None:
     )
 
 
-def _frame_rate(experiment: Experiment, faults: list[Fault]) -> float | None:
+def _frame_rate(lab: Lab, experiment: Experiment, faults: list[Fault]) -> float | None:
     """Frame rate [1/s] of the experiment, if it is known; what of its media does not fit is added to `faults`."""
     try:
-        return _need_view(experiment)
+        return _need_view(lab, experiment)
     except Misfit as misfit:
         faults.append(Fault(experiment, misfit.key, misfit.why))
         return None
@@ -93,7 +102,7 @@ class Misfit(Exception):
         self.key, self.why = key, why
 
 
-def _need_view(experiment: Experiment) -> float | None:
+def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     """Check the camera settings against the media; returns the frame rate [1/s] if it is known.
 
     As in measuring, one repetition that fits is enough.  Media are opened only if needed, because a film must be read
@@ -108,24 +117,17 @@ def _need_view(experiment: Experiment) -> float | None:
     asked = camera.frame_rate is None and not entry_of(experiment).many_particles
     if not experiment.repetitions or (not stated and not asked):
         return camera.frame_rate
-    first: BadInput | None = None
+    first: Misfit | None = None
     for views in experiment.repetitions:
         try:
-            return _opened(experiment, views)
-        except BadInput as error:
-            first = first or error
+            return _opened(lab, experiment, views)
+        except Misfit as misfit:
+            first = first or misfit
     assert first is not None  # there are repetitions
-    option = OPTION.search(str(first))
-    if option is None:
-        raise Misfit(("repetitions",), str(first)) from None
-    name = option[1].replace("-", "_")
-    if name == "start" and camera.start is None:  # the message names both if the interval is too short
-        name = "end"
-    said = OPTION.sub(lambda found: found[1].replace("-", "_"), str(first))
-    raise Misfit(("camera", name), said) from None
+    raise first
 
 
-def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
+def _opened(lab: Lab, experiment: Experiment, views: Sequence[Path]) -> float | None:
     """Open the media of a repetition with its camera settings; returns the frame rate [1/s] of a film."""
     from rigtwin.measure.media.photo import read_photo
     from rigtwin.measure.media.sound import is_sound
@@ -136,8 +138,25 @@ def _opened(experiment: Experiment, views: Sequence[Path]) -> float | None:
         camera = experiment.camera_of(view)
         if is_table(view) or is_sound(view):  # a tracked record has no pictures
             continue
-        if entry_of(experiment).is_photo(view):
-            read_photo(view, camera)
-        else:
-            rate = open_video(view, camera).frame_rate
+        try:
+            if entry_of(experiment).is_photo(view):
+                read_photo(view, camera)
+            else:
+                rate = open_video(view, camera).frame_rate
+        except BadInput as error:
+            raise _misfit(lab, experiment, view, error) from None
     return rate
+
+
+def _misfit(lab: Lab, experiment: Experiment, view: Path, error: BadInput) -> Misfit:
+    """The fault with the key that states what does not fit: that of the file, or of all files."""
+    option = OPTION.search(str(error))
+    if option is None:
+        return Misfit(("repetitions",), str(error))
+    name = option[1].replace("-", "_")
+    camera = experiment.camera_of(view)
+    if name == "start" and camera.start is None:  # the message names both if the interval is too short
+        name = "end"
+    own = getattr(camera, name) != getattr(experiment.camera, name)
+    place = ("files", relative(view, lab.folder)) if own else ("camera",)
+    return Misfit((*place, name), OPTION.sub(lambda found: found[1].replace("-", "_"), str(error)))

@@ -18,6 +18,11 @@ GRAVITY = 9.81  # [m/s^2]
 # which the first cannot be identified
 UPSIDE_DOWN = math.radians(175)
 
+# what the twins take where the rig does not state it
+OUTLET_SHARE = 0.6  # [1], outlet over cylinder diameter of a packing
+LIFT_SPEED = 0.02  # [m/s], of the tube of a pile
+SLOT_WIDTH, SLOT_LENGTH = 0.15, 0.068  # [m], of a slot hopper; the length follows from the paper's discharge times
+
 RigName = Literal["drop", "pendulum", "tilt", "packing", "pile", "drum", "hopper"]
 
 
@@ -64,7 +69,7 @@ class Pile:
         None  # [m], piling: of a funnel that stands above the base; None: it rises as the heap
     )
     tube_diameter: float | None = None  # [m], pouring: inside; None: half the base
-    lift_speed: float | None = None  # [m/s], pouring: of the tube; None: 20 mm/s
+    lift_speed: float | None = None  # [m/s], pouring: of the tube; None: LIFT_SPEED
     drain_diameter: float | None = None  # [m], emptying; None: a third of the base
 
 
@@ -79,7 +84,7 @@ class Packing:
 
     cylinder_diameter: float = 0.065  # [m], inside
     cylinder_height: float = 0.302  # [m], inside; with 65 mm it holds 1000 mL
-    outlet_diameter: float | None = None  # [m], of the hopper; None: 0.6 of the cylinder
+    outlet_diameter: float | None = None  # [m], of the hopper; None: OUTLET_SHARE of the cylinder
     fall_height: float = 0.02  # [m], from the outlet to the cylinder's rim
     hopper_diameter: float | None = None  # [m], inside, above its cone of 60 degrees; None: no hopper, a rain
 
@@ -118,8 +123,8 @@ class Hopper:
     diameter: float = 0.1  # [m], of the conical hopper's cylinder
     cone_height: float = 0.1  # [m]
     inclination: float = math.radians(60)  # [rad], of the slot hopper's walls from the level
-    width: float | None = None  # [m], of the slot hopper above its inclined walls; None: 150 mm
-    slot_length: float | None = None  # [m]; None: 68 mm
+    width: float | None = None  # [m], of the slot hopper above its inclined walls; None: SLOT_WIDTH
+    slot_length: float | None = None  # [m]; None: SLOT_LENGTH
     slide_angle: float | None = None  # [rad], of the slide from the level; None: 45 degrees
     slide_drop: float | None = None  # [m], from the slot to the slide below it; None: 60 mm
 

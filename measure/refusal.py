@@ -82,9 +82,9 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
 
 
 def _camera(given: object, media: Sequence[Path], medium: Path) -> Camera:
-    """The camera of one medium."""
+    """The camera of one medium; one of which nothing is stated where it is not among the media."""
     if isinstance(given, Sequence):
-        given = given[media.index(medium)]
+        given = dict(zip(media, given, strict=False)).get(medium)
     return given if isinstance(given, Camera) else Camera()
 
 

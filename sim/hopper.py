@@ -20,7 +20,7 @@ from rigtwin.lab.formatting import as_given
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
-from rigtwin.lab.rigs import GRAVITY, Hopper
+from rigtwin.lab.rigs import GRAVITY, SLOT_LENGTH, SLOT_WIDTH, Hopper
 from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.output.outline import bed, outline
 from rigtwin.sim.run import filling
@@ -39,8 +39,8 @@ LOOK = 0.01  # [s], interval of the samples, as in the paper's simulations
 STUCK = 0.5  # [s] without a bead leaving, after which the hopper counts as blocked or empty
 STEADY = (0.2, 0.8)  # share of the beads that have left, between which the flow counts as steady
 BELOW = 0.08  # [m], depth below a round outlet down to which beads are simulated
-# slot hopper, where the rig does not state them; the slot length follows from the paper's discharge times
-WIDTH, SLOT_LENGTH, SLIDE_DROP = 0.15, 0.068, 0.06  # [m]
+# slot hopper, where the rig does not state them
+SLIDE_DROP = 0.06  # [m]
 SLIDE_ANGLE = math.radians(45)  # [rad]
 LID = 0  # number of the wall that closes the outlet
 
@@ -334,7 +334,7 @@ def _conical(rig: Hopper, particle: Particle, room: float) -> Plan:
 def _slot(rig: Hopper, particle: Particle, room: float) -> Plan:
     from rigtwin.sim.engine.walls.shapes import Plate
 
-    width = WIDTH if rig.width is None else rig.width
+    width = SLOT_WIDTH if rig.width is None else rig.width
     length = SLOT_LENGTH if rig.slot_length is None else rig.slot_length
     angle = SLIDE_ANGLE if rig.slide_angle is None else rig.slide_angle
     drop = SLIDE_DROP if rig.slide_drop is None else rig.slide_drop
@@ -480,7 +480,7 @@ def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None
             f"slide_drop: {rig.slide_drop * 1e3:.3g} mm between slot and slide let no bead of "
             f"{particle.diameter * 1e3:.3g} mm through; lower the slide."
         )
-    across = rig.diameter if rig.variant == "conical" else WIDTH if rig.width is None else rig.width
+    across = rig.diameter if rig.variant == "conical" else SLOT_WIDTH if rig.width is None else rig.width
     if rig.outlet >= across:
         raise BadInput(
             f"outlet: {rig.outlet * 1e3:.3g} mm is as wide as the hopper of {across * 1e3:.3g} mm; narrow it."

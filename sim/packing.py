@@ -14,7 +14,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
-from rigtwin.lab.rigs import Packing
+from rigtwin.lab.rigs import OUTLET_SHARE, Packing
 from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.output.outline import VIEWS, silhouette, surface
 from rigtwin.sim.run import filling
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-OUTLET = 0.6  # outlet over cylinder diameter, where the rig does not state it
 LEAST_RATE = 200.0  # [1/s], smallest default pour rate, to keep the run short
 CONE = math.radians(60)  # [rad], inclination of the hopper's walls from the horizontal
 SLIDE = 2  # number of the wall that closes the hopper
@@ -394,7 +393,7 @@ def check(
     if count < 1:
         raise BadInput(f"count: {count} particles make no bed; give at least 1.")
     if rig.hopper_diameter is not None and rig.hopper_diameter <= (
-        rig.outlet_diameter or OUTLET * rig.cylinder_diameter
+        rig.outlet_diameter or OUTLET_SHARE * rig.cylinder_diameter
     ):
         raise BadInput(
             f"hopper_diameter: {rig.hopper_diameter * 1e3:.3g} mm is no wider than its outlet; give a wider hopper."
@@ -405,12 +404,12 @@ def check(
 
 
 def outlet_of(rig: Packing, particle: Particle, pour_rate: float | None) -> filling.Outlet:
-    opening = OUTLET * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
+    opening = OUTLET_SHARE * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     return filling.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
 
 
 def _assumptions(rig: Packing, source: filling.Outlet) -> dict[str, str]:
-    given = f"{OUTLET:g} of the cylinder" if rig.outlet_diameter is None else "as given"
+    given = f"{OUTLET_SHARE:g} of the cylinder" if rig.outlet_diameter is None else "as given"
     words = {
         "cylinder": f"{rig.cylinder_diameter * 1e3:.3g} mm wide, {rig.cylinder_height * 1e3:.3g} mm high",
         "outlet_diameter": f"{source.diameter * 1e3:.3g} mm ({given})",

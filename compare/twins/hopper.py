@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -24,7 +25,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Quantity, doubted, failed
-from rigtwin.lab.rigs import Hopper, HopperSettings
+from rigtwin.lab.rigs import SLOT_LENGTH, SLOT_WIDTH, Hopper, HopperSettings
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
@@ -217,9 +218,10 @@ class HopperEntry(ManyBodyEntry[HopperSettings]):
         rig = self.rig(experiment)
         usual = Hopper(rig.outlet or 0.0)
         if rig.variant == "slot":
-            found = ["a bin 150 mm wide"] if rig.bin_width is None else []
-            found += ["a slot 68 mm long"] if rig.depth is None else []
-            return [*found, "walls at 60 degrees"] if rig.inclination is None else found
+            found = [f"a bin {SLOT_WIDTH * 1e3:.3g} mm wide"] if rig.bin_width is None else []
+            found += [f"a slot {SLOT_LENGTH * 1e3:.3g} mm long"] if rig.depth is None else []
+            walls = f"walls at {math.degrees(usual.inclination):.3g} degrees"
+            return [*found, walls] if rig.inclination is None else found
         found = [f"a bin {usual.diameter * 1e3:.3g} mm wide"] if rig.bin_width is None else []
         return [*found, f"a cone of {usual.cone_height * 1e3:.3g} mm"] if rig.cone_height is None else found
 

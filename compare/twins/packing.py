@@ -23,7 +23,7 @@ from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.rigs import Packing, PackingSettings
+from rigtwin.lab.rigs import OUTLET_SHARE, Packing, PackingSettings
 
 if TYPE_CHECKING:
     from rigtwin.lab.file.lab_file import Experiment
@@ -219,8 +219,8 @@ class PackingEntry(ManyBodyEntry[PackingSettings]):
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
         rig = self.rig(experiment)
-        found = ["an outlet of 0.6 of the cylinder"] if rig.outlet_diameter is None else []
-        return [*found, "a fall of 20 mm"] if rig.fall_height is None else found
+        found = [f"an outlet of {OUTLET_SHARE:g} of the cylinder"] if rig.outlet_diameter is None else []
+        return [*found, f"a fall of {Packing.fall_height * 1e3:.3g} mm"] if rig.fall_height is None else found
 
     def check_count(self, experiment: Experiment, count: int | None) -> None:
         from rigtwin.sim import packing

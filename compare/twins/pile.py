@@ -21,7 +21,7 @@ from rigtwin.lab.materials import PACKING
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rig_quantities import ABOVE_RIM
-from rigtwin.lab.rigs import Pile, PileSettings
+from rigtwin.lab.rigs import LIFT_SPEED, Pile, PileSettings
 from rigtwin.lab.tracked.table import is_table
 
 if TYPE_CHECKING:
@@ -235,7 +235,7 @@ class PileEntry(ManyBodyEntry[PileSettings]):
             found += ["a base without a rim"] if rig.rim_height == 0 else []
         if rig.variant == "pouring":
             found += ["a tube of half the base"] if rig.tube_diameter is None else []
-            found += ["a lift at 20 mm/s"] if rig.lift_speed is None else []
+            found += [f"a lift at {LIFT_SPEED * 1e3:.3g} mm/s"] if rig.lift_speed is None else []
         return found
 
     def check_count(self, experiment: Experiment, count: int | None) -> None:

@@ -171,7 +171,8 @@ class TiltEntry(FewBodyEntry[TiltSettings]):
         return replace(experiment, rig=turned), f"a plate that rises by {fmean(rates):.3g} degrees per second"
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
-        return ["a plate that rises by 1 degree per second"] if self.rig(experiment).speed is None else []
+        rise = f"a plate that rises by {math.degrees(Tilt.speed):.2g} degree per second"
+        return [rise] if self.rig(experiment).speed is None else []
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
         rig = self.rig(experiment)

@@ -21,10 +21,23 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from rigtwin.lab import camera
+from rigtwin.lab.drum_flow import FILL
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
-from rigtwin.lab.rigs import RIGS, SETTINGS, UPSIDE_DOWN, RigSettings
+from rigtwin.lab.rigs import (
+    LIFT_SPEED,
+    OUTLET_SHARE,
+    RIGS,
+    SETTINGS,
+    SLOT_LENGTH,
+    SLOT_WIDTH,
+    UPSIDE_DOWN,
+    Hopper,
+    Packing,
+    RigSettings,
+    Tilt,
+)
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
@@ -275,7 +288,7 @@ Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, UPSIDE_DOWN), Field(examples=["45 deg"])]
 Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
-Moment = Annotated[camera.Moment, _edge(_moment), Field(examples=["0.25 s"])]
+Moment = Annotated[camera.Moment, _edge(_moment, partial(InSi, dimension="time")), Field(examples=["0.25 s"])]
 KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
 PlumbLine = Annotated[float, _edge(_plumb_line)]
 Line = Annotated[camera.Line, _edge(_line)]
@@ -327,7 +340,9 @@ class ContactEntry(_Entry):
     restitution: Restitution | None = Field(default=None, description="coefficient of restitution")
     static_friction: Friction | None = Field(default=None, description="Coulomb limit of the tangential force")
     rolling_friction: Friction | None = Field(
-        default=None, description="torque limit mu_r Fn R on each body, not the tangent of a tilting angle"
+        default=None,
+        examples=[0.06],
+        description="torque limit mu_r Fn R on each body, not the tangent of a tilting angle",
     )
 
 
@@ -374,7 +389,7 @@ class CameraEntry(_Entry):
         default=None, examples=["1.5 s"], description="end of the evaluated part, a time or a frame"
     )
     exclude: Spans = Field(default=(), examples=[["60f..80f"]], description="parts of the clip that are left out")
-    camera_roll: Annotated[float, _edge(_roll)] | None = Field(
+    camera_roll: Annotated[float, _edge(_roll, partial(InSi, dimension="angle"))] | None = Field(
         default=None,
         examples=["0.5 deg"],
         description="positive when the scene looks turned clockwise; measured when not stated",
@@ -632,7 +647,9 @@ class PileEntry(_ExperimentEntry):
         default=None, examples=["50 mm"], description="pouring: of the tube, inside; by default half the base"
     )
     lift_speed: Speed | None = Field(
-        default=None, examples=["20 mm/s"], description="pouring: with which the tube is lifted; by default 20 mm/s"
+        default=None,
+        examples=["20 mm/s"],
+        description=f"pouring: with which the tube is lifted; by default {1e3 * LIFT_SPEED:.3g} mm/s",
     )
     drain_diameter: Length | None = Field(
         default=None,
@@ -665,7 +682,10 @@ class TiltEntry(_ExperimentEntry):
         default=None, examples=["150 mm"], description="of the plate or arm, from hinge to tip"
     )
     speed: Tilting | None = Field(
-        default=None, description="with which the plate is tilted; by default as seen in the film, else 1 deg/s"
+        default=None,
+        description=(
+            f"with which the plate is tilted; by default as seen in the film, else {math.degrees(Tilt.speed):.2g} deg/s"
+        ),
     )
 
 
@@ -683,10 +703,12 @@ class PackingEntry(_ExperimentEntry):
     outlet_diameter: Length | None = Field(
         default=None,
         examples=["40 mm"],
-        description="of that hopper's slide, or of the funnel; by default 0.6 of the cylinder",
+        description=f"of that hopper's slide, or of the funnel; by default {OUTLET_SHARE:g} of the cylinder",
     )
     fall_height: Length | None = Field(
-        default=None, examples=["20 mm"], description="from the outlet to the cylinder's rim; by default 20 mm"
+        default=None,
+        examples=["20 mm"],
+        description=f"from the outlet to the cylinder's rim; by default {1e3 * Packing.fall_height:.3g} mm",
     )
     total_mass: Mass | None = Field(
         default=None, examples=["212.7 g"], description="of all particles, weighed; the twin needs it or count"
@@ -706,7 +728,7 @@ class DrumEntry(_ExperimentEntry):
     )
     fill: Fraction | None = Field(
         default=None,
-        description="share of the drum's volume that the bed takes; by default as seen in the film, else 0.35",
+        description=f"share of the drum's volume that the bed takes; by default as seen in the film, else {FILL:g}",
     )
     count: Count | None = Field(default=None, description="number of all particles, in place of fill")
     end_wall_friction: Friction | None = Field(
@@ -726,21 +748,28 @@ class HopperEntry(_ExperimentEntry):
     bin_width: Length | None = Field(
         default=None,
         examples=["104 mm"],
-        description="inner width of the bin, or diameter of a conical one; by default 150 mm (100 mm)",
+        description=(
+            "inner width of the bin, or diameter of a conical one; "
+            f"by default {1e3 * SLOT_WIDTH:.3g} mm ({1e3 * Hopper.diameter:.3g} mm)"
+        ),
     )
     depth: Length | None = Field(
         default=None,
         examples=["68 mm"],
-        description="slot: length of the slot along the line of sight; by default 68 mm",
+        description=f"slot: length of the slot along the line of sight; by default {1e3 * SLOT_LENGTH:.3g} mm",
     )
     outlet: Length | None = Field(
         default=None, examples=["34 mm"], description="width of the slot or diameter of the outlet; the twin needs it"
     )
     cone_height: Length | None = Field(
-        default=None, examples=["100 mm"], description="conical: of the cone; by default 100 mm"
+        default=None,
+        examples=["100 mm"],
+        description=f"conical: of the cone; by default {1e3 * Hopper.cone_height:.3g} mm",
     )
     inclination: Release | None = Field(
-        default=None, examples=["60 deg"], description="slot: of the walls from the level; by default 60 deg"
+        default=None,
+        examples=["60 deg"],
+        description=f"slot: of the walls from the level; by default {math.degrees(Hopper.inclination):.3g} deg",
     )
     total_mass: Mass | None = Field(
         default=None, examples=["85 g"], description="of all particles, weighed; the twin needs it or count"
@@ -778,6 +807,7 @@ _EXPERIMENTS: dict[str, type[_ExperimentEntry]] = {
     rig: entry for entry in get_args(ExperimentEntry) for rig in get_args(entry.model_fields["rig"].annotation)
 }
 
+_NO_TABLE = ("dict_type", "model_type", "model_attributes_type")  # of pydantic's errors
 _MISSING = "this key is missing"
 _MEANT = re.compile(r"unknown key; did you mean '(.+?)'\?")
 
@@ -803,28 +833,35 @@ class Repaired(Generic[File]):
 
     def touches(self, key: Key) -> bool:
         """Whether a key, or a table that holds it, was repaired: what is wrong there is no fault of the document."""
-        return any(key[: len(place)] == place for place in self.places)
+        return _touches(self.places, key)
 
     def touched_in(self, table: Key) -> bool:
         """Whether a key of the table itself was repaired."""
         return any(place[:-1] == table for place in self.places)
 
 
+def _touches(places: Iterable[Key], key: Key) -> bool:
+    return any(key[: len(place)] == place for place in places)
+
+
 def repaired(document: Document, kind: type[File]) -> Repaired[File]:
     """The document as `kind`, with all that is missing, unknown or out of range."""
     data = deepcopy(document.data)
     problems: list[Problem] = []
+    consequences: list[Problem] = []
     places: set[Key] = set()
     while True:
         try:
             file = kind.model_validate(data)
             return Repaired(file, _without_consequences(problems), frozenset(places))
         except ValidationError as error:
+            before = frozenset(places)
             for details in error.errors():
                 problem = _problem(details, kind)
-                if problem in problems:  # it cannot be repaired
-                    raise document.error(problems) from None
-                problems.append(problem)
+                if problem in problems or problem in consequences:  # it cannot be repaired
+                    raise document.error(_without_consequences(problems)) from None
+                # what is wrong with an example is nothing that was written
+                (consequences if _touches(before, problem.key) else problems).append(problem)
                 places.add(_repair(data, problem.key, details, kind))
 
 
@@ -840,6 +877,8 @@ def _repair(data: dict[str, Any], key: Key, details: ErrorDetails, kind: type[_E
         key = key[:2]
         value: Any = {name: example_of(DropEntry.model_fields[name]) for name in ("id", "particle", "wall")}
         value |= {"rig": "drop", "repetitions": ["r01.mp4"]}
+    elif details["type"] in _NO_TABLE:
+        value = {}
     else:
         section = kind if len(details["loc"]) == 1 else _section(details["loc"][:-1])
         field = section.model_fields.get(str(key[-1])) if isinstance(key[-1], str) else None
@@ -890,7 +929,7 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
             return Problem(key, f"{given} is not a text; put it in quotes.")
         case "list_type":
             return Problem(key, f"{given} is not a list; write {_list_hint(section, name)}.")
-        case "dict_type" | "model_type" | "model_attributes_type":
+        case kind_of_fault if kind_of_fault in _NO_TABLE:
             return Problem(key, f"{given} is not a table; write it as [{_header(key)}] with its keys below.")
     return Problem(key, f"{given} cannot be used ({details['msg'].lower()}).")
 

@@ -16,7 +16,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.formatting import as_given
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
-from rigtwin.lab.rigs import Pile
+from rigtwin.lab.rigs import LIFT_SPEED, Pile
 from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.output.outline import surface
 from rigtwin.sim.pile.piling import Course, bowl
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.run.run_log import Logbook
 
 
-LIFT_SPEED = 0.02  # [m/s], where the rig does not state it
 NARROWEST = 4  # [bead diameters], narrowest tube; in a narrower one the beads arch
 
 

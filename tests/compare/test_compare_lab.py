@@ -379,6 +379,14 @@ repetitions = ["clip.avi"]
         ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
         ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start and end leave"]),
         ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
+        (
+            "rig='drop'\ncamera.end='15 frames'\n[experiments.files.'clip.avi']\nregion=[500,0,9,9]",
+            ['line 10: experiment 1, files."clip.avi".region: ', "80 x 60 px"],
+        ),
+        (
+            "rig='drop'\ncamera.region=[500,0,9,9]\n[experiments.files.'clip.avi']\nend='15 frames'",
+            ["line 8: experiment 1, camera.region: "],
+        ),
     ],
 )
 def test_impossible_settings_are_refused_with_their_line_before_anything_is_measured(
@@ -510,6 +518,26 @@ def test_a_run_of_several_that_fails_is_named(tmp_path, capsys):
     (one,) = json.loads(capsys.readouterr().out)["experiments"]
     assert one["without_twin"].startswith("the twin failed: a count of 3 makes no bed")
     assert one["twins"] == []
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_seed_that_fails_beside_others_is_named_with_its_reason(tmp_path, monkeypatch, capsys):
+    run_all = subject_compare_lab.run_all
+
+    def without_first(runs, *args, **more):
+        failures = {one.name: "does not fit into memory." for one in runs[:1]}
+        return replace(run_all(runs[1:], *args, **more), failures=failures)
+
+    monkeypatch.setattr(subject_compare_lab, "run_all", without_first)
+    assert run(["compare", str(bed_lab(tmp_path)), "--runs", "2", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    (one,) = document["experiments"]
+    assert "without_twin" not in one
+    assert "the run of the twin with seed 1 failed and is not compared: does not fit into memory" in one["warnings"]
+    assert {row["simulated_n"] for row in document["deviations"]} == {1}
+    with (tmp_path / "out/observations.csv").open() as file:
+        runs = {row["repetition"] for row in csv.DictReader(file) if row["origin"] == "simulated"}
+    assert runs == {"twin, seed 2"}
 
 
 @pytest.mark.parametrize(

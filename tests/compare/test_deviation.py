@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from functools import partial
 
 import numpy as np
@@ -356,6 +357,26 @@ def test_own_repetitions_take_over_from_the_published_scatter():
     assert many.scatter == pytest.approx(0.01 * math.sqrt(1 + 3 * (published / 0.01) ** 2 / 60), rel=0.2)
     assert (few.scatter_from != "", many.scatter_from) == (True, "")
     assert (few.verdict, many.verdict) == ("agrees", "agrees")
+
+
+@pytest.mark.parametrize(
+    ("std", "freedom", "contradicted"),
+    [
+        (0.12, math.inf, True),
+        (0.02, math.inf, False),
+        (0.001, math.inf, False),
+        (0.12, 20.0, True),
+        (0.025, 20.0, False),
+    ],
+)
+def test_a_stated_scatter_that_the_own_repetitions_contradict_is_noted(std, freedom, contradicted):
+    values = 1 + std * np.random.default_rng(4).standard_normal(20)
+    ones = [quantity(0.5 * value, 1e-6, budget={"tracking": 1e-6}) for value in values]
+    stated = Scatter(0.02, freedom, "stated in lab.toml")
+    (row,) = compared(ones, [quantity(0.5, 1e-9)], scatter=lambda _: stated)
+    said = r"the 20 measured repetitions scatter by 1\d %, .* of 2 % \(stated in lab.toml; F test, p < 0.01\)"
+    assert bool(re.search(said, row.note)) is contradicted
+    assert ("F test" in row.note) is contradicted
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])

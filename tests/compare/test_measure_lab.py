@@ -2,7 +2,10 @@
 
 import json
 import math
+import re
+from dataclasses import asdict, fields, replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,8 +14,11 @@ from rigtwin.cli import run
 from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.measure_lab import measure_lab
 from rigtwin.compare.measure_repetitions import known
-from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.compare.result_files import plain
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.errors import BadInput, BadLabFile, Mark
 from rigtwin.lab.file.lab_file import read_lab
+from rigtwin.lab.records import Profile, Series
 
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
@@ -133,6 +139,21 @@ def test_what_is_said_of_one_file_of_a_folder_counts_for_that_file_alone(lab, tm
     assert measured == ["r2.csv"]
 
 
+def test_rejected_files_are_listed_and_a_lab_without_others_is_refused(lab, tmp_path, capsys):
+    drop, bed = LAB.split("\n\n")
+    tables = [f'[experiments.files."drops/r{number}.csv"]\nrejected = "a draught"' for number in (1, 2, 10)]
+    (lab / "lab.toml").write_text("\n".join([drop, *tables[:1]]) + f"\n\n{bed}")
+    found = measure_lab(lab, tmp_path / "out")
+    assert found.warnings[0] == "drop: r1.csv is rejected in lab.toml: a draught"
+    (one, _) = found.to_json()["experiments"]
+    assert one["rejected"] == [{"file": str(lab / "drops/r1.csv"), "reason": "a draught"}]
+
+    (lab / "lab.toml").write_text("\n".join([drop, *tables]) + f"\n\n{bed}")
+    for command in ("measure", "compare"):
+        assert run([command, str(lab), "--out", str(tmp_path / command)]) == 2
+        assert "experiment 1, files: all repetitions are rejected; accept one of them." in capsys.readouterr().err
+
+
 def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
     experiment = read_lab(lab).experiments[0]
     out = tmp_path / "out"
@@ -140,13 +161,52 @@ def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
     kept = KeptMeasurements(out)
     views = experiment.repetitions[0]
     again = kept.find(kept.key(experiment, views, known(experiment)), views)
-    assert again.quantities == found.quantities
-    assert (again.checks, again.warnings, again.files, again.camera) == (
-        found.checks, found.warnings, found.files, found.camera,
-    )  # fmt: skip
+    assert plain(asdict(again)) == plain(asdict(found))
     for mine, other in zip(again.tracks, found.tracks, strict=True):
         np.testing.assert_array_equal(mine.position, other.position)
-        assert (mine.body, mine.unseen) == (other.body, other.unseen)
+
+    full = replace(
+        found,
+        profiles=(Profile(np.array([0.0, 0.1]), np.array([0.02, np.nan]), np.array([1e-4, 2e-4]), (0.0, 0.1), "side"),),
+        series=(Series(np.array([0.0, 1 / 3]), np.array([0.1, 0.2]), "mass_left", "kg"),),
+        marks=(
+            Mark("bead", [(1 / 3, 2.0), (4.0, 5.5)], 6.25, "track", frames=(3, 4), view=1),
+            Mark("base", ((0.0, 1.0),)),
+        ),
+        warnings=("it is dark",),
+        camera={"frame_rate_hz": 240.0},
+        table={"kind": "track"},
+    )
+    assert all(getattr(full, one.name) for one in fields(full)), "nothing is left empty"
+    kept.keep("full", full)
+    assert plain(asdict(kept.find("full", views))) == plain(asdict(full))
+
+
+def test_a_setting_that_is_changed_back_gives_the_pictures_of_its_own_measurement(lab, tmp_path, measured):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    other = LAB.replace(
+        'particle = "D6"\nwall = "steel"', 'particle = "D6"\nwall = "steel"\ncamera = { end = "0.45 s" }'
+    )
+
+    def plots():
+        found = measure_lab(lab, out).measured[0].measurements
+        return [one.files["plot"].read_bytes() for one in found]
+
+    first = plots()
+    path.write_text(other)
+    assert plots() != first
+    measured.clear()
+    path.write_text(LAB)
+    assert [_curves(plot) for plot in plots()] == [_curves(plot) for plot in first]
+    assert sorted(measured) == ["r1.csv", "r10.csv", "r2.csv"]
+    measured.clear()
+    plots()
+    assert measured == []
+
+
+def _curves(plot):
+    """The lines of a plot, without the names that each writing makes anew."""
+    return re.findall(rb'<path d="([^"]+)"', plot)
 
 
 @pytest.mark.parametrize("damage", ["json", "npz", "pictures"])
@@ -168,9 +228,10 @@ def test_a_kept_document_shows_no_file_outside_the_folder_of_results(lab, tmp_pa
     out = tmp_path / "out"
     measure_lab(lab, out)
     (tmp_path / "secret.png").write_text("secret")
+    secret = {"path": "../secret.png", "sha256": sha256(tmp_path / "secret.png")}
     for path in (out / "measured").glob("*.json"):
         document = json.loads(path.read_text())
-        path.write_text(json.dumps({**document, "files": {"still": "../secret.png"}}))
+        path.write_text(json.dumps({**document, "files": {"still": secret}}))
     measured.clear()
     again = measure_lab(lab, out)
     assert len(measured) == 4
@@ -191,14 +252,39 @@ def test_a_repetition_that_cannot_be_measured_is_named_and_not_tried_again(lab, 
     assert [len(drops[what]) for what in ("measurements", "failures")] == [3, 1]
 
 
+def test_the_picture_that_a_kept_failure_names_is_there(lab, tmp_path, measured):
+    out = tmp_path / "out"
+    cv2.imwrite(str(lab / "bed.png"), np.random.default_rng(1).normal(120, 5, (300, 400)).astype(np.uint8))
+    (lab / "lab.toml").write_text(LAB.replace("bed.csv", "bed.png"))
+
+    def failure():
+        (found,) = measure_lab(lab, out, only=["bed"]).measured
+        return found.failures[0]
+
+    picture = out / "bed" / "bed-seen.png"
+    assert f"{picture} shows what was seen" in failure().message
+    assert f"{picture} shows what was seen" in failure().message
+    assert measured == ["bed.png"]
+    picture.unlink()  # as by a measurement with other settings that succeeds
+    failure()
+    assert picture.is_file()
+    assert measured == ["bed.png", "bed.png"]
+
+
 def test_compare_uses_what_measure_has_kept(lab, measured):
     opened = rigtwin.open_lab(lab)
-    frame = opened.measure().to_frame()
+    found = opened.measure()
+    frame = found.to_frame()
     assert set(frame["repetition"]) == {"drops/r1.csv", "drops/r2.csv", "drops/r10.csv", "bed.csv"}
     measured.clear()
     compared = opened.compare(only="drop")
     assert measured == []
     assert len(compared.outcomes[0].measurements) == 3
+    alone = [one for one in found.means if one.experiment == "drop"]
+    assert [(one.measured, one.measured_std_uncertainty, one.scatter) for one in alone] == [
+        (one.measured, one.measured_std_uncertainty, one.scatter) for one in compared.deviations
+    ]
+    assert {one.scatter is None for one in alone} == {True, False}
     opened.compare(only="drop", again=True)
     assert len(measured) == 3
 

@@ -9,7 +9,7 @@ import pytest
 
 import rigtwin
 from rigtwin.lab.camera import Camera, Seed
-from rigtwin.lab.errors import NothingToMeasure
+from rigtwin.lab.errors import NothingToMeasure, Seen
 from rigtwin.measure import refusal
 
 RIGS = {
@@ -66,6 +66,18 @@ def test_a_refused_photo_leaves_a_picture_that_the_message_names(rig, tmp_path):
     picture = tmp_path / "out" / "noise-seen.png"
     assert str(refused.value).endswith(f"; {picture} shows what was seen.")
     assert cv2.imread(str(picture)).shape[1] >= 700
+
+
+def test_a_refusal_of_another_medium_than_those_given_is_not_lost(tmp_path):
+    other = tmp_path / "other.png"
+    cv2.imwrite(str(other), np.full((300, 400), 120, np.uint8))
+
+    @refusal.shows_refusals
+    def measure(photos, cameras, *, out):
+        raise NothingToMeasure("there is no heap.", Seen(medium=other))
+
+    with pytest.raises(NothingToMeasure, match=r"^there is no heap; .*other-seen.png shows what was seen.$"):
+        measure([tmp_path / "a.png", tmp_path / "b.png"], [Camera(), Camera()], out=tmp_path)
 
 
 def test_stated_places_are_drawn_in_the_picture_of_a_refusal(tmp_path):

@@ -574,6 +574,25 @@ def test_all_that_is_wrong_is_reported_at_once_and_nothing_that_follows_from_it(
         assert re.search(rf"^line \d+: .*{words}", fault)
 
 
+@pytest.mark.parametrize(
+    ("written", "place"),
+    [
+        ("[materials]\nash = 3", "materials.ash"),
+        ("[materials]\ndensity = 3", "materials.density"),  # the name of a key as that of a material
+        ('[experiments.files]\n"r1.mp4" = 3', 'experiment 1, files."r1.mp4"'),
+        ("[particles]\nbead = 4", "particles.bead"),
+        ("[contacts]\nash-ash = 2", "contacts.ash-ash"),
+    ],
+)
+def test_what_is_no_table_is_the_only_fault_of_its_place(tmp_path, written, place):
+    with pytest.raises(BadLabFile) as refused:
+        repetitions(tmp_path, "drop", '"r1.mp4"', ["r1.mp4"], f"bonces = 3\n{written}")
+    table, key = refused.value.faults[::-1]
+    assert "bonces: unknown key" in key
+    assert f"{place}: " in table
+    assert table.count("is not a table") == 1
+
+
 def test_a_scatter_is_stated_with_or_without_its_repetitions(tmp_path):
     stated = 'scatter = { restitution_wall = "6 % (n = 5)", rebound_height = 0.1 }'
     repetitions(tmp_path, "drop", '"r1.mp4"', ["r1.mp4"], stated)
