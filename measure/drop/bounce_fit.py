@@ -95,6 +95,15 @@ class Bounces:
         """Height of the bead's centre at contact at times [s], in the unit of the record."""
         return self.model.level(self.parameters, time - self.time_offset)
 
+    @property
+    def growth(self) -> tuple[Array, Array]:
+        """Relative growth of the scale from contact 1 to contacts 2..N and the end, shape (count,), and its uncertainty.
+
+        The accelerations of the flights show it.
+        """
+        mine = self.model.causes["camera"][: self.count]
+        return self.parameters[mine], np.sqrt(np.diag(self.covariance)[mine])
+
     def read(self, reading: Callable[[Reader], float]) -> tuple[float, dict[str, float]]:
         """Value of `reading` for the fitted parameters, and its standard uncertainty split by cause."""
         value = float(reading(self.model.reader(self.parameters)))

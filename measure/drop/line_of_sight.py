@@ -24,6 +24,7 @@ HORIZON = 0.25  # prior standard deviation of the row of the horizon about the m
 FARTHEST = 0.75  # largest distance of the horizon from the middle over the picture's height, three deviations
 LEVEL = 0.5  # [px], standard uncertainty of the plate's level at a contact
 FINEST = 1e-3  # lower limit of the relative scatter of the radii
+DENIED = 3.0  # standard uncertainties between the growth of the image and of the acceleration that exclude each other
 SLOWLY = 0.02  # prior standard deviation of the relative change of 1 / size from flight to flight, per flight
 
 
@@ -57,7 +58,7 @@ class Depth:
 
 
 def find_depth(seen: Chase, pixels: Track, fitted: Bounces) -> Depth | None:
-    """The distance over time; None if the size of the bead's image is constant, or the plate's level contradicts it.
+    """The distance over time; None if the size of the bead's image is constant, or plate or flights contradict it.
 
     `fitted` are the bounces of the track `pixels` as it is seen [px, y up].
     """
@@ -84,10 +85,22 @@ def find_depth(seen: Chase, pixels: Track, fitted: Bounces) -> Depth | None:
     middle = (width - 1) / 2, -(height - 1) / 2
     unsure = seen.growth.rate_sigma / abs(seen.growth.rate)
     depth = Depth(knots, nodes / first, usual / first, middle, unsure, HORIZON * height)
+    if _denied(depth, fitted):
+        return None
     row, sigma = _horizon(depth, fitted, height)
     if abs(row - middle[1]) > FARTHEST * height:
         return None
     return replace(depth, centre=(middle[0], row), horizon_sigma=sigma)
+
+
+def _denied(depth: Depth, fitted: Bounces) -> bool:
+    """Whether the flights deny the change of distance: a nearer bead also seems to fall with a larger acceleration.
+
+    A change of the image's size alone may come from its blur.
+    """
+    grown, sigma = fitted.growth
+    sizes = 1 / depth.at(np.append(fitted.contact_times[1:], depth.times[-1])) - 1
+    return bool(np.any(np.abs(sizes - grown) > DENIED * np.hypot(sigma, depth.unsure * sizes)))
 
 
 def _horizon(depth: Depth, fitted: Bounces, height: int) -> tuple[float, float]:
