@@ -92,7 +92,7 @@ class Review:
         """Open the first clip or photo, and decode its first frame, before the page asks for it."""
         with suppress(BadInput, OSError, LookupError):
             lab = self.opened()
-            number = next(k for k, entry in enumerate(lab.file.experiments) if entry.repetitions)
+            number = next(k for k, one in enumerate(lab.lab.experiments) if one.with_rejected)
             experiment, view = lab.lab.experiments[number], lab.views(number, 0)[0]
             kind = kind_of(experiment, view)
             if kind in ("photo", "clip"):

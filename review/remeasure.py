@@ -284,5 +284,7 @@ def _key(experiment: Experiment, views: Sequence[Path]) -> str:
     """A text that is the same for the same settings of these media."""
     cameras = tuple(experiment.camera_of(view) for view in views)
     state = tuple((view, view.stat().st_mtime_ns, view.stat().st_size) for view in views if view.exists())
-    alone = replace(experiment, repetitions=(), cameras={}, rejected={}, measured=(), outside=frozenset())
+    alone = replace(
+        experiment, repetitions=(), with_rejected=(), cameras={}, rejected={}, measured=(), outside=frozenset()
+    )
     return hashlib.sha256(pickle.dumps((alone, cameras, state))).hexdigest()
