@@ -17,7 +17,7 @@ from functools import cache
 from importlib import import_module
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
@@ -36,6 +36,10 @@ PHOTOS_KEPT = 6  # in each process: a change of one photo of a repetition leaves
 MEMORY_SHORT = (
     "the process that measured ended without a result, most likely because memory ran out; close other programs, or "
     "give a shorter clip or smaller photos."
+)
+TWIN_ENDED = (
+    "the process that ran the twin ended without a result, most likely because memory ran out; close other programs, "
+    "then ask again."
 )
 
 
@@ -56,6 +60,11 @@ class Beside:
     rows: tuple[Deviation, ...] = ()
     marks: tuple[Mark, ...] = ()
     refused: str = ""
+    ended: bool = False
+    """Whether the system ended the process that ran the twin."""
+
+
+Outcome = TypeVar("Outcome", Remeasured, Beside)
 
 
 class Remeasuring:
@@ -91,7 +100,8 @@ class Remeasuring:
         with self._lock:
             if not _useful(self._results.get(key)):
                 shown = tuple(views)
-                self._results[key] = self._chosen(shown).start(shown, _measure, experiment, shown)
+                ended = Remeasured(Failure(shown[0], MEMORY_SHORT), 0.0, ended=True)
+                self._results[key] = self._chosen(shown).start(shown, ended, _measure, experiment, shown)
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
             self._results.move_to_end(key)
@@ -117,8 +127,9 @@ class Remeasuring:
         views = (measurement.source,)
         key = f"{_key(experiment, views)} {hashlib.sha256(pickle.dumps(model)).hexdigest()}"
         with self._lock:
-            if key not in self._twins or self._twins[key].cancelled():
-                self._twins[key] = self._chosen(views).start(views, _simulate, experiment, model, measurement)
+            if not _useful(self._twins.get(key)):
+                ended = Beside(refused=TWIN_ENDED, ended=True)
+                self._twins[key] = self._chosen(views).start(views, ended, _simulate, experiment, model, measurement)
                 while len(self._twins) > KEPT:
                     self._twins.popitem(last=False)
             return self._twins[key]
@@ -171,8 +182,10 @@ class _Slot:
         """Whether the process has loaded its libraries."""
         return self._loading.done()
 
-    def start(self, views: tuple[Path, ...], work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Let the process do some work on these media."""
+    def start(
+        self, views: tuple[Path, ...], if_ended: Outcome, work: Callable[..., Outcome], *arguments: Any
+    ) -> Future[Outcome]:
+        """Let the process do some work on these media; `if_ended` is the result where the system ends the process."""
         self.views = views
         workers = self.begin()
         try:
@@ -180,9 +193,9 @@ class _Slot:
         except BrokenProcessPool:  # the process was ended by the system meanwhile
             self.stop()
             job = self.begin().submit(work, *arguments)
-        promised: Future[Any] = Future()
+        promised: Future[Outcome] = Future()
         self._promised = promised
-        job.add_done_callback(lambda done: _hand_on(done, promised, views))
+        job.add_done_callback(lambda done: _hand_on(done, promised, if_ended))
         return promised
 
     def renew(self) -> None:
@@ -210,21 +223,21 @@ class _Slot:
         return self._workers
 
 
-def _useful(known: Future[Remeasured] | None) -> bool:
+def _useful(known: Future[Outcome] | None) -> bool:
     """Whether a result is there or will come; where the system ended the process it is tried again."""
     if known is None or known.cancelled():
         return False
     return not known.done() or (known.exception() is None and not known.result().ended)
 
 
-def _hand_on(done: Future[Any], promised: Future[Any], views: tuple[Path, ...]) -> None:
+def _hand_on(done: Future[Outcome], promised: Future[Outcome], if_ended: Outcome) -> None:
     if promised.cancelled():
         return
     with suppress(Exception):  # cancelled just now
         if done.cancelled():
             promised.cancel()
         elif isinstance(error := done.exception(), BrokenProcessPool):
-            promised.set_result(Remeasured(Failure(views[0], MEMORY_SHORT), 0.0, ended=True))
+            promised.set_result(if_ended)
         elif error is not None:
             promised.set_exception(error)
         else:

@@ -124,7 +124,7 @@ export function showParts(view, times, actions) {
 export function showTwin(compared, id, { canRun, beside }) {
   const rows = beside?.rows ?? compared.rows?.[id] ?? [];
   $("twin-part").hidden = !rows.length && !canRun;
-  $("twin-run-row").hidden = !canRun || Boolean(beside);
+  $("twin-run-row").hidden = !canRun || Boolean(beside && !beside.refused);
   $("twin-old").hidden = !compared.changed_since || !compared.rows?.[id] || Boolean(beside);
   $("twin-state").textContent = beside?.refused ?? (!rows.length || beside ? "" : "(last comparison)");
   $("twin").hidden = !rows.length;

@@ -10,6 +10,7 @@ import pytest
 
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.lab.file.lab_file import read_lab
+from rigtwin.review.described import beside_json
 from rigtwin.review.remeasure import Remeasuring
 
 MEDIA = Path(__file__).parents[2] / "sample_media"
@@ -51,6 +52,13 @@ def with_floor(experiment, floor):
     return replace(experiment, camera=replace(experiment.camera, floor=floor))
 
 
+def end_processes(measuring):
+    for slot in measuring._slots:
+        for process in slot._processes:
+            os.kill(process.pid, signal.SIGKILL)
+            process.join(60)
+
+
 def test_the_same_settings_are_measured_once_and_as_the_command_line_does(lab, measuring):
     bed = lab.experiment("bed")
     key, first = measuring.measured(bed, bed.repetitions[0])
@@ -82,10 +90,7 @@ def test_a_process_that_the_system_ends_is_said_and_replaced(lab, measuring):
     drop, bed = lab.experiment("drop"), lab.experiment("bed")
     rate = replace(drop, camera=replace(drop.camera, frame_rate=100.0))
     _, started = measuring.measured(rate, drop.repetitions[0])
-    for slot in measuring._slots:
-        for process in slot._processes:
-            os.kill(process.pid, signal.SIGKILL)
-            process.join(60)
+    end_processes(measuring)
     found = started.result(60).found
     assert isinstance(found, Failure)
     assert "ended without a result" in found.message
@@ -93,3 +98,17 @@ def test_a_process_that_the_system_ends_is_said_and_replaced(lab, measuring):
     assert not isinstance(again.result(60).found, Failure)
     _, again = measuring.measured(rate, drop.repetitions[0])
     assert again is not started
+
+
+def test_a_twin_whose_process_the_system_ends_is_refused_and_run_again_when_asked(lab, measuring):
+    drop = lab.experiment("drop")
+    measurement = measuring.measured(drop, drop.repetitions[0])[1].result(60).found
+    started = measuring.in_step(drop, lab.model, measurement)
+    end_processes(measuring)
+    said = beside_json(started.result(60))
+    assert "the process that ran the twin ended without a result" in said["refused"]
+    assert (said["rows"], said["marks"]) == ([], [])
+    again = measuring.in_step(drop, lab.model, measurement)
+    assert again is not started
+    assert beside_json(again.result(120))["rows"] != []
+    assert measuring.in_step(drop, lab.model, measurement) is again
