@@ -26,7 +26,7 @@ from rigtwin.lab.file.lab_edit import LabEdit
 from rigtwin.lab.quantity import Measurement
 from rigtwin.review.compared import result_file
 from rigtwin.review.described import OpenLab, beside_json, has_twin_in_step, kind_of, result_json
-from rigtwin.review.frames import Pictures
+from rigtwin.review.frames import Pictures, version_of
 from rigtwin.review.remeasure import Remeasuring
 
 STATIC = Path(__file__).parent / "static"
@@ -167,7 +167,7 @@ class Review:
                 "height": info.height,
                 "times": [round(time, 6) for time in info.times],
                 "playback_rate": info.playback_rate,
-                "version": str(medium.stat().st_mtime_ns),
+                "version": version_of(medium, camera),
             }
         )
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -125,6 +126,16 @@ class Opened:
 
     def value(self, quantity: str) -> float:
         return float(self.page.locator(f"tr[data-quantity={quantity}]").first.get_attribute("data-value"))
+
+    def edited(self, text: str) -> None:
+        """Another lab.toml, as by an editor, from which the person comes back to the page."""
+        part = self.lab / "lab.toml.part"
+        part.write_text(text)
+        part.replace(self.lab / "lab.toml")
+        self.come_back()
+
+    def come_back(self) -> None:
+        self.page.evaluate("window.dispatchEvent(new Event('focus'))")
 
     def frame(self, index: int) -> None:
         self.page.locator(f'html[data-frame="{index}"]').wait_for(state="attached")
@@ -323,9 +334,31 @@ def test_a_stated_place_is_taken_out_at_its_handle(opened):
 
 
 def test_what_is_changed_in_an_editor_is_seen_when_one_comes_back(opened):
-    (opened.lab / "lab.toml").write_text(LAB.replace("195,480,810,512", "181,433,790,439"))
-    opened.page.evaluate("window.dispatchEvent(new Event('focus'))")
+    opened.edited(LAB.replace("195,480,810,512", "181,433,790,439"))
     playwright.expect(opened.page.locator("#tools code").first).to_have_text("181,433,790,439")
+
+
+def test_a_frame_rate_and_a_file_that_were_changed_elsewhere_are_seen_when_one_comes_back(opened):
+    opened.show("r02.mp4")
+    opened.page.locator("#slider").evaluate("it => { it.value = 60; it.dispatchEvent(new Event('input')); }")
+    opened.frame(60)
+    opened.edited(LAB.replace("240 Hz", "120 Hz"))
+    playwright.expect(opened.page.locator("#when")).to_contain_text("0.5000 s")
+    known = set(opened.requests)
+    os.utime(opened.lab / "r02.mp4", (7, 7))
+    with opened.page.expect_response("**/frame/1/0/0/60?*") as answer:
+        opened.come_back()
+    assert answer.value.url not in known
+    opened.frame(60)
+
+
+def test_an_end_behind_the_clip_leaves_all_of_it_in(opened):
+    cut = 'frame_rate = "240 Hz"\nend = "99 s"\nexclude = ["50 s..60 s", "0.1001 s..0.1002 s", "84f..500f"]'
+    opened.edited(LAB.replace('frame_rate = "240 Hz"', cut))
+    opened.show("r02.mp4")
+    playwright.expect(opened.page.locator("#parts")).to_contain_text("ends at 99 s")
+    bars = opened.page.locator("#spans i").evaluate_all("all => all.map(bar => [bar.style.left, bar.style.width])")
+    assert [bar for bar in bars if bar[1] != "0%"] == [["50%", "50%"]]
 
 
 def test_what_cannot_be_is_refused_in_the_words_of_the_command_line(opened):
