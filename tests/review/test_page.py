@@ -279,6 +279,20 @@ def test_a_part_of_a_clip_is_left_out(opened):
     assert opened.page.locator("#spans i").count() == 1
 
 
+def test_one_frame_is_left_out_beside_others(opened):
+    opened.show("r02.mp4")
+    opened.page.keyboard.press("ArrowRight")
+    opened.frame(1)
+    with opened.changed():
+        opened.page.keyboard.press("x")
+    assert 'exclude = ["1f..1f"]' in opened.text
+    opened.page.keyboard.press("ArrowRight")
+    opened.frame(2)
+    with opened.changed():
+        opened.page.get_by_role("button", name="Leave out this frame").click()
+    assert 'exclude = ["1f..1f", "2f..2f"]' in opened.text
+
+
 def test_a_known_length_is_dragged_and_then_written(opened):
     opened.page.locator("#tools .tool > button", has_text="Known length").click()
     mouse = opened.page.mouse
