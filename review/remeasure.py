@@ -19,6 +19,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.compare.twins.matched import twin_of
@@ -252,12 +254,8 @@ def _measure(experiment: Experiment, views: tuple[Path, ...]) -> Remeasured:
 
 
 def _simulate(experiment: Experiment, model: Model, measurement: Measurement) -> Beside:
-    from rigtwin.measure.geometry.calibration_board import straightened
-    from rigtwin.measure.media.video import open_video
-
     try:
         twin = twin_of(experiment, model=model, measurements=[measurement])
-        video = open_video(measurement.source, straightened(experiment.camera_of(measurement.source)))
     except RigtwinError as error:
         return Beside(refused=str(error))
     rows = deviations(
@@ -267,7 +265,7 @@ def _simulate(experiment: Experiment, model: Model, measurement: Measurement) ->
         list(twin.evaluation.quantities),
         set_from=twin.set_from,
     )
-    return Beside(tuple(rows), twin_marks(measurement, twin.tracks, video.times))
+    return Beside(tuple(rows), twin_marks(measurement, twin.tracks, np.array(measurement.frame_times)))
 
 
 @cache

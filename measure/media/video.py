@@ -7,8 +7,8 @@ if the file's time stamps are not monotonic (B-frames in AVI), the frame index r
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.camera import Camera, Moment
-from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.lab.errors import BadInput, Mark, UnreadableMedia
 from rigtwin.measure.media import pictures
 from rigtwin.measure.media.sources import source, straightened, without_regions
 from rigtwin.measure.media.time_base import ROUNDED, time_base
@@ -62,6 +62,8 @@ class Video:
     warnings: tuple[str, ...] = field(default=())
     skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
     excluded: frozenset[int] = field(default=frozenset())  # those of them that the user leaves out
+    numbers: npt.NDArray[np.int64] | None = field(default=None, repr=False)
+    """Frame that each picture of the file shows, in ascending order, if repeated ones were taken out of the count."""
 
     @property
     def spoilt(self) -> str:
@@ -72,6 +74,29 @@ class Video:
     def broken_off(self) -> str:
         """Why the recording may be incomplete; empty if it is complete."""
         return pictures.CUT_OFF if pictures.CUT_OFF in self.warnings else ""
+
+    @property
+    def file_times(self) -> npt.NDArray[np.float64]:
+        """Capture time of every picture in the file [s]; of a repeated one that of the picture it repeats."""
+        return self.times if self.numbers is None else self.times[self.numbers]
+
+    def in_file(self, frame: int) -> int:
+        """Index in the file of the first picture that shows a frame."""
+        return frame if self.numbers is None else int(np.searchsorted(self.numbers, frame))
+
+    def frame_of(self, index: int) -> int:
+        """The frame that a picture of the file shows; of a repeated one that is skipped the one that it repeats."""
+        if self.numbers is not None:
+            beyond = max(index - len(self.numbers) + 1, 0)
+            return int(self.numbers[index - beyond]) + beyond
+        repeated = self.skipped - self.excluded
+        while index in repeated and index - 1 >= self.first:
+            index -= 1
+        return index
+
+    def marks_in_file(self, marks: Iterable[Mark]) -> tuple[Mark, ...]:
+        """Marks with the indices that their frames have in the file."""
+        return tuple(replace(mark, frames=[self.in_file(frame) for frame in mark.frames]) for mark in marks)
 
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
         """The frames from `first` to `last` (inclusive, default: those of the video), in order."""

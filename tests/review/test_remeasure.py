@@ -1,14 +1,17 @@
 """Repetitions are measured in the background: once for the same settings, and without waiting for outdated ones."""
 
+import math
 import os
 import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
 
+import av
 import pytest
 
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
+from rigtwin.lab.camera import Seed
 from rigtwin.lab.file.lab_file import read_lab
 from rigtwin.review.described import beside_json
 from rigtwin.review.remeasure import Remeasuring
@@ -112,3 +115,43 @@ def test_a_twin_whose_process_the_system_ends_is_refused_and_run_again_when_aske
     assert again is not started
     assert beside_json(again.result(120))["rows"] != []
     assert measuring.in_step(drop, lab.model, measurement) is again
+
+
+@pytest.fixture(scope="module")
+def doubled(lab):
+    """The drop with each of its frames stored twice, at 480 Hz."""
+    path = lab.folder / "doubled.mp4"
+    with av.open(str(lab.folder / "r01.mp4")) as clip, av.open(str(path), "w") as container:
+        stream = None
+        for frame in clip.decode(video=0):
+            if stream is None:
+                stream = container.add_stream("libx264", rate=480, options={"crf": "12", "preset": "ultrafast"})
+                stream.width, stream.height, stream.pix_fmt = frame.width, frame.height, "yuv420p"
+            grey = frame.to_ndarray(format="bgr24")
+            for _ in range(2):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="bgr24")))
+        container.mux(stream.encode())
+    return path
+
+
+def test_marks_and_twin_of_a_clip_with_doubled_frames_lie_in_the_frames_of_the_file(lab, measuring, doubled):
+    drop = lab.experiment("drop")
+    drop = replace(drop, camera=replace(drop.camera, frame_rate=240.0))
+    places = []
+    for clip in (drop.repetitions[0][0], doubled):
+        one = replace(drop, repetitions=((clip,),))
+        found = measuring.measured(one, (clip,))[1].result(120).found
+        track = next(mark for mark in found.marks if mark.kind == "track")
+        places.append(dict(zip(track.frames, track.points, strict=True)))
+        twin = measuring.in_step(one, lab.model, found).result(120).marks[0]
+        at = dict(zip(twin.frames, twin.points, strict=True))
+        assert max(math.dist(at[frame], places[-1][frame]) for frame in at.keys() & places[-1].keys()) < 20
+    single, double = places
+    both = [frame for frame in single if 2 * frame in double]
+    assert len(both) > 0.9 * len(single)
+    assert max(math.dist(single[frame], double[2 * frame]) for frame in both) < 1.0
+
+    frame = both[len(both) // 4]
+    there = replace(drop.camera, bead_at=Seed(2 * frame + 1, single[frame]))
+    stated = measuring.measured(replace(drop, camera=there), (doubled,))[1].result(120).found
+    assert stated.quantities[0].value == pytest.approx(found.quantities[0].value, rel=0.01)
