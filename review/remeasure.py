@@ -9,7 +9,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.compare.worker_processes import Workers
 from rigtwin.lab.arrays import Image
-from rigtwin.lab.errors import Mark, RigtwinError
+from rigtwin.lab.errors import BadInput, Mark, RigtwinError
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.quantity import Measurement
@@ -34,6 +34,7 @@ from rigtwin.review.twin_in_step import twin_marks
 
 AT_ONCE = 2  # processes: while one is stopped and started again, the other one measures with the new settings
 KEPT = 64  # results
+MEASURING, TWIN = "measurement", "twin"  # what a process works on
 PHOTOS_KEPT = 6  # in each process: a change of one photo of a repetition leaves the others as they were observed
 MEMORY_SHORT = (
     "the process that measured ended without a result, most likely because memory ran out; close other programs, or "
@@ -96,14 +97,14 @@ class Remeasuring:
         str
             What distinguishes these settings from others.
         Future of Remeasured
-            The result; cancelled if other settings are asked for meanwhile.
+            The result; `BadInput` says what else was asked for, if it is stopped.
         """
         key = _key(experiment, views)
         with self._lock:
             if not _useful(self._results.get(key)):
                 shown = tuple(views)
                 ended = Remeasured(Failure(shown[0], MEMORY_SHORT), 0.0, ended=True)
-                self._results[key] = self._chosen(shown).start(shown, ended, _measure, experiment, shown)
+                self._results[key] = self._chosen(shown, MEASURING).start(shown, ended, _measure, experiment, shown)
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
             self._results.move_to_end(key)
@@ -124,14 +125,15 @@ class Remeasuring:
         Returns
         -------
         Future of Beside
-            The result; cancelled if other settings are asked for meanwhile.
+            The result; `BadInput` says what else was asked for, if it is stopped.
         """
         views = (measurement.source,)
         key = f"{_key(experiment, views)} {hashlib.sha256(pickle.dumps(model)).hexdigest()}"
         with self._lock:
             if not _useful(self._twins.get(key)):
                 ended = Beside(refused=TWIN_ENDED, ended=True)
-                self._twins[key] = self._chosen(views).start(views, ended, _simulate, experiment, model, measurement)
+                slot = self._chosen(views, TWIN)
+                self._twins[key] = slot.start(views, ended, _simulate, experiment, model, measurement)
                 while len(self._twins) > KEPT:
                     self._twins.popitem(last=False)
             return self._twins[key]
@@ -146,19 +148,20 @@ class Remeasuring:
         """End the processes at once."""
         with self._lock:
             for slot in self._slots:
-                slot.stop()
+                slot.stop("the page was closed")
 
-    def _chosen(self, views: tuple[Path, ...]) -> _Slot:
+    def _chosen(self, views: tuple[Path, ...], work: str) -> _Slot:
         """The process that is to work on these media; what works on them with other settings is stopped."""
         for slot in self._slots:
             if slot.busy and slot.views == views:
-                slot.renew()
+                slot.renew(f"its {work} with other settings was asked for meanwhile")
         idle = [slot for slot in self._slots if not slot.busy]
         # one that has observed these media before, else one that has loaded its libraries
         idle.sort(key=lambda slot: (slot.views != views, not slot.loaded))
         chosen = idle[0] if idle else self._slots[0]
         if chosen.busy:
-            chosen.renew()
+            chosen.renew(f"the {work} of {views[0].name} was asked for meanwhile")
+        chosen.work = work
         self._slots.remove(chosen)
         self._slots.append(chosen)  # the one that was asked first stands first
         return chosen
@@ -169,6 +172,7 @@ class _Slot:
 
     def __init__(self) -> None:
         self.views: tuple[Path, ...] = ()
+        self.work = MEASURING
         self._promised: Future[Any] = Future()
         self._promised.cancel()
         self._workers: Workers | None = None
@@ -193,20 +197,27 @@ class _Slot:
         try:
             job = workers.submit(work, *arguments)
         except BrokenProcessPool:  # the process was ended by the system meanwhile
-            self.stop()
+            self._end()
             job = self.begin().submit(work, *arguments)
         promised: Future[Outcome] = Future()
         self._promised = promised
         job.add_done_callback(lambda done: _hand_on(done, promised, if_ended))
         return promised
 
-    def renew(self) -> None:
+    def renew(self, why: str) -> None:
         """Stop what is measured, and begin a new process."""
-        self.stop()
+        self.stop(why)
         self.begin()
 
-    def stop(self) -> None:
-        self._promised.cancel()
+    def stop(self, why: str) -> None:
+        """Stop what is measured; who waits for it is given the reason."""
+        if self.busy:
+            with suppress(InvalidStateError):  # it is there just now
+                stopped = f"{self.views[0]}: the {self.work} was stopped, because {why}; choose it again."
+                self._promised.set_exception(BadInput(stopped))
+        self._end()
+
+    def _end(self) -> None:
         for process in self._processes:
             process.terminate()
         if self._workers is not None:
@@ -216,7 +227,7 @@ class _Slot:
     def begin(self) -> Workers:
         """Start the process, unless it runs."""
         if not all(process.is_alive() for process in self._processes):
-            self.stop()
+            self._end()
         if self._workers is None:
             others = set(multiprocessing.active_children())
             self._workers = Workers(1)
@@ -233,9 +244,7 @@ def _useful(known: Future[Outcome] | None) -> bool:
 
 
 def _hand_on(done: Future[Outcome], promised: Future[Outcome], if_ended: Outcome) -> None:
-    if promised.cancelled():
-        return
-    with suppress(Exception):  # cancelled just now
+    with suppress(InvalidStateError):  # it was stopped
         if done.cancelled():
             promised.cancel()
         elif isinstance(error := done.exception(), BrokenProcessPool):

@@ -12,6 +12,7 @@ import pytest
 
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.lab.camera import Seed
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import read_lab
 from rigtwin.review.described import beside_json
 from rigtwin.review.remeasure import Remeasuring
@@ -85,8 +86,20 @@ def test_a_measurement_with_outdated_settings_is_stopped(lab, measuring):
     _, outdated = measuring.measured(drop, drop.repetitions[0])
     faster = replace(drop, camera=replace(drop.camera, frame_rate=120.0))
     _, wanted = measuring.measured(faster, drop.repetitions[0])
-    assert outdated.cancelled()
+    with pytest.raises(BadInput, match="the measurement was stopped, because its measurement with other settings"):
+        outdated.result(60)
     assert wanted.result(60).found.camera["frame_rate_hz"] == 120
+
+
+def test_what_is_stopped_for_another_repetition_says_so_and_is_begun_when_asked_again(lab, measuring, doubled):
+    drop, bed = lab.experiment("drop"), lab.experiment("bed")
+    slower = replace(drop, camera=replace(drop.camera, frame_rate=110.0))
+    _, stopped = measuring.measured(slower, drop.repetitions[0])
+    measuring.measured(with_floor(bed, 602.0), bed.repetitions[0])
+    measuring.measured(drop, (doubled,))
+    with pytest.raises(BadInput, match=r"r01\.mp4: .* stopped, because the measurement of doubled\.mp4"):
+        stopped.result(60)
+    assert measuring.measured(slower, drop.repetitions[0])[1] is not stopped
 
 
 def test_a_process_that_the_system_ends_is_said_and_replaced(lab, measuring):

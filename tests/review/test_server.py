@@ -88,9 +88,10 @@ def test_without_the_token_nothing_is_answered(ask, path, headers):
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1"])
 def test_another_host_name_is_refused(ask, host):
-    status, said, _ = ask("/api/lab", {**ask.cookie, "Host": host.format(port=ask.port)})
-    assert status == 403
-    assert b"only there for this machine" in said
+    for path in ("/api/lab", "/frame/0/0/0/0"):
+        status, said, _ = ask(path, {**ask.cookie, "Host": host.format(port=ask.port)})
+        assert status == 403
+        assert "only there for this machine" in json.loads(said)["error"]
 
 
 @pytest.mark.parametrize(
