@@ -224,8 +224,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     excluded = _excluded(camera, times)
     if sum(index not in excluded for index in range(first, last + 1)) < 3:
         raise BadInput(f"{path}: --exclude leaves fewer than three frames; leave out less of the clip.")
-    if camera.exclude and not excluded:
-        warnings.append(f"--exclude lies beyond the last picture ({len(times) - 1}f): nothing is left out.")
+    warnings += _holding_no_frame(camera, times)
     return Video(
         path,
         width,
@@ -245,14 +244,33 @@ def open_video(path: Path, camera: Camera) -> Video:
 
 def _excluded(camera: Camera, times: npt.NDArray[np.float64]) -> frozenset[int]:
     """The frames of the parts of the clip that are left out."""
-    found: set[int] = set()
+    return frozenset(frame for begin, end in camera.exclude for frame in _between(begin, end, times))
+
+
+def _between(begin: Moment, end: Moment, times: npt.NDArray[np.float64]) -> Iterable[int]:
+    """The frames from one moment to another; both belong to them."""
+    if begin.unit == "frame":
+        return range(math.ceil(begin.value), min(math.floor(end.value), len(times) - 1) + 1)
+    inside = (times >= begin.value - 1e-9) & (times <= end.value + 1e-9)
+    return [int(frame) for frame in np.flatnonzero(inside)]
+
+
+def _holding_no_frame(camera: Camera, times: npt.NDArray[np.float64]) -> Iterator[str]:
+    """The warnings for parts that are left out in which there is no frame."""
     for begin, end in camera.exclude:
-        if begin.unit == "frame":
-            found.update(range(math.ceil(begin.value), min(math.floor(end.value), len(times) - 1) + 1))
+        if any(True for _ in _between(begin, end, times)):
+            continue
+        span = f"{_in_words(begin)}..{_in_words(end)}"
+        last = times[-1] if begin.unit == "s" else len(times) - 1
+        if begin.value > last:
+            where = f"lies beyond the last picture ({len(times) - 1}f at {times[-1]:.4g} s)"
         else:
-            inside = (times >= begin.value - 1e-9) & (times <= end.value + 1e-9)
-            found.update(np.flatnonzero(inside).tolist())
-    return frozenset(found)
+            where = "lies between two frames"
+        yield f"--exclude {span} {where}: it leaves nothing out."
+
+
+def _in_words(moment: Moment) -> str:
+    return f"{moment.value:g} s" if moment.unit == "s" else f"{moment.value:g}f"
 
 
 def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str]:
@@ -263,10 +281,9 @@ def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str
     beyond = end is not None and end.value > (count if end.unit == "frame" else shown + ROUNDED)
     if end is None or not beyond:
         return []
-    asked = f"{end.value:g} s" if end.unit == "s" else f"{end.value:g}f"
     return [
-        f"--end {asked} lies beyond the clip, whose last picture ({count - 1}f) is at {times[-1]:.4g} s: the clip was "
-        "measured to its end; check --end, and --frame-rate, which sets the time scale."
+        f"--end {_in_words(end)} lies beyond the clip, whose last picture ({count - 1}f) is at {times[-1]:.4g} s: "
+        "the clip was measured to its end; check --end, and --frame-rate, which sets the time scale."
     ]
 
 
