@@ -55,7 +55,7 @@ def version_of(medium: Path, camera: Camera) -> str:
 
 
 class Clip:
-    """Frames of one clip; `close` ends its thread."""
+    """Frames of one clip; `close` ends its thread, `join` waits for its end."""
 
     def __init__(self, video: Video) -> None:
         self.info = MediaInfo(video.width, video.height, tuple(video.times.tolist()), video.playback_rate)
@@ -68,7 +68,8 @@ class Clip:
         self._faults: dict[int, Exception] = {}  # of frames that cannot be decoded
         self._closed = False
         self._changed = threading.Condition()
-        threading.Thread(target=self._decode, name=f"frames of {video.path.name}", daemon=True).start()
+        self._thread = threading.Thread(target=self._decode, name=f"frames of {video.path.name}", daemon=True)
+        self._thread.start()
 
     def frame(self, index: int, *, near: bool = False) -> tuple[int, bytes]:
         """One frame as JPEG, and its number.  Raises `BadInput` where it cannot be decoded.
@@ -99,6 +100,10 @@ class Clip:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+    def join(self) -> None:
+        """Wait until the thread has ended: Python must not end while it decodes."""
+        self._thread.join(PATIENCE)
 
     def _tried(self, index: int) -> bool:
         return index in self._frames or index in self._faults
@@ -174,6 +179,8 @@ class Pictures:
         with self._lock:
             for clip in self._clips.values():
                 clip.close()
+            for clip in self._clips.values():
+                clip.join()
             self._clips.clear()
 
     def _clip(self, medium: Path, camera: Camera) -> Clip:
