@@ -46,6 +46,7 @@ _KNOWN = frozenset(
         "camera",
         "cameras",
         "rejected",
+        "with_rejected",
         "repetitions",
         "table",
         "outside",

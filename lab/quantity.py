@@ -269,7 +269,9 @@ class Measurement(Readable):
     files: dict[str, Path] = field(default_factory=dict)
     """Files written: ``overlay`` (annotated video or picture), ``still`` (one picture), ``plot``, ``record``."""
     marks: tuple[Mark, ...] = ()
-    """Where in the picture the results were found, for the page of `rigtwin review`."""
+    """Where in the picture the results were found, for the page of `rigtwin review`; frames as counted in the file."""
+    frame_times: tuple[float, ...] = ()
+    """Capture time of each picture in the file [s], by the clock of `tracks`; only of a film with `tracks`."""
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin measure --json`."""

@@ -26,7 +26,8 @@ from rigtwin.lab.file.lab_edit import LabEdit
 from rigtwin.lab.quantity import Measurement
 from rigtwin.review.compared import result_file
 from rigtwin.review.described import OpenLab, beside_json, has_twin_in_step, kind_of, result_json
-from rigtwin.review.frames import Pictures
+from rigtwin.review.frames import Pictures, version_of
+from rigtwin.review.guard import refusal
 from rigtwin.review.remeasure import Remeasuring
 
 STATIC = Path(__file__).parent / "static"
@@ -92,7 +93,7 @@ class Review:
         """Open the first clip or photo, and decode its first frame, before the page asks for it."""
         with suppress(BadInput, OSError, LookupError):
             lab = self.opened()
-            number = next(k for k, entry in enumerate(lab.file.experiments) if entry.repetitions)
+            number = next(k for k, one in enumerate(lab.lab.experiments) if one.with_rejected)
             experiment, view = lab.lab.experiments[number], lab.views(number, 0)[0]
             kind = kind_of(experiment, view)
             if kind in ("photo", "clip"):
@@ -167,7 +168,7 @@ class Review:
                 "height": info.height,
                 "times": [round(time, 6) for time in info.times],
                 "playback_rate": info.playback_rate,
-                "version": str(medium.stat().st_mtime_ns),
+                "version": version_of(medium, camera),
             }
         )
 
@@ -205,18 +206,18 @@ class Review:
             try:
                 return await endpoint(request)
             except BadInput as error:
-                return JSONResponse({"error": str(error)}, 422)
+                return refusal(str(error), 422)
             except LookupError:
-                return JSONResponse({"error": "there is no such thing in this lab; load the page again."}, 404)
+                return refusal("there is no such thing in this lab; load the page again.", 404)
             except OSError as error:
                 said = f"{error.filename or self.path}: {(error.strerror or 'cannot be used').lower()}."
-                return JSONResponse({"error": said}, 422)
+                return refusal(said, 422)
             except Exception as error:
                 if os.environ.get("RIGTWIN_DEBUG"):
                     raise
                 reason = f"{type(error).__name__}: {error}".splitlines()[0]
                 said = f"a fault of rigtwin itself ({reason}); set RIGTWIN_DEBUG=1 and start the page again."
-                return JSONResponse({"error": said}, 500)
+                return refusal(said, 500)
 
         return answer
 
@@ -228,7 +229,7 @@ async def _outcome(started: Future[Outcome]) -> Outcome:
     except asyncio.CancelledError:
         if not started.cancelled():  # the server ends
             raise
-        raise BadInput("was not measured, because other settings were asked for meanwhile.") from None
+        raise BadInput("the work on this repetition was stopped; choose it again.") from None
 
 
 async def _page(_request: Request) -> Response:

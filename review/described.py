@@ -40,14 +40,14 @@ class OpenLab:
         """All media of a repetition, rejected ones too.  Raises `LookupError`."""
         if min(experiment, repetition) < 0:
             raise LookupError
-        return tuple(self.lab.folder / name for name in self.file.experiments[experiment].repetitions[repetition])
+        return self.lab.experiments[experiment].with_rejected[repetition]
 
     def all_views(self) -> Iterator[tuple[str, Path]]:
         """Every medium, with its place: numbers of experiment, repetition and view."""
-        for number, entry in enumerate(self.file.experiments):
-            for repetition, names in enumerate(entry.repetitions):
-                for view, name in enumerate(names):
-                    yield f"{number}/{repetition}/{view}", self.lab.folder / name
+        for number, one in enumerate(self.lab.experiments):
+            for repetition, views in enumerate(one.with_rejected):
+                for view, medium in enumerate(views):
+                    yield f"{number}/{repetition}/{view}", medium
 
     def measured_views(self, experiment: int, repetition: int) -> tuple[Path, ...]:
         """Media of a repetition that are measured: those that are not rejected, or all if none is left."""
@@ -69,8 +69,8 @@ class OpenLab:
                     "keys": sorted(keys_of_camera(one.rig_name)),
                     "common": sorted(entry.camera.model_fields_set),
                     "repetitions": [
-                        [_view_json(one, self.lab.folder / name, name, entry.files.get(name)) for name in names]
-                        for names in entry.repetitions
+                        [_view_json(one, view, self.lab.folder, entry.files) for view in views]
+                        for views in one.with_rejected
                     ],
                 }
                 for one, entry in zip(self.lab.experiments, self.file.experiments, strict=True)
@@ -96,7 +96,10 @@ def has_twin_in_step(experiment: Experiment) -> bool:
     return not entry.many_particles and entry.starts_from is not None
 
 
-def _view_json(experiment: Experiment, view: Path, name: str, file: FileEntry | None) -> dict[str, Any]:
+def _view_json(experiment: Experiment, view: Path, folder: Path, files: Mapping[str, FileEntry]) -> dict[str, Any]:
+    within = str(view.relative_to(folder)) if view.is_relative_to(folder) else str(view)
+    # as it stands in lab.toml already, like "./r01.mp4"
+    name, file = next(((name, file) for name, file in files.items() if folder / name == view), (within, None))
     return {
         "name": name,
         "kind": kind_of(experiment, view),

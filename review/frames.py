@@ -6,6 +6,7 @@ asked for.
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -45,8 +46,16 @@ class MediaInfo:
     playback_rate: float = 0.0
 
 
+def version_of(medium: Path, camera: Camera) -> str:
+    """A text that is the same as long as the pictures of a medium are: file, board, and the photo of the board."""
+    board = camera.board
+    files = [medium.stat()] if board is None else [medium.stat(), board.photo.stat()]
+    state = [(file.st_mtime_ns, file.st_size) for file in files]
+    return hashlib.sha256(repr((board, state)).encode()).hexdigest()[:16]
+
+
 class Clip:
-    """Frames of one clip; `close` ends its thread."""
+    """Frames of one clip; `close` ends its thread, `join` waits for its end."""
 
     def __init__(self, video: Video) -> None:
         self.info = MediaInfo(video.width, video.height, tuple(video.times.tolist()), video.playback_rate)
@@ -56,10 +65,11 @@ class Clip:
         self._wanted = 0  # what was asked for last
         self._seen = False  # whether anything was asked for
         self._asked: list[int] = []  # what is waited for, in the order in which it was asked for
-        self._fault: BaseException | None = None
+        self._faults: dict[int, Exception] = {}  # of frames that cannot be decoded
         self._closed = False
         self._changed = threading.Condition()
-        threading.Thread(target=self._decode, name=f"frames of {video.path.name}", daemon=True).start()
+        self._thread = threading.Thread(target=self._decode, name=f"frames of {video.path.name}", daemon=True)
+        self._thread.start()
 
     def frame(self, index: int, *, near: bool = False) -> tuple[int, bytes]:
         """One frame as JPEG, and its number.  Raises `BadInput` where it cannot be decoded.
@@ -71,54 +81,66 @@ class Clip:
         with self._changed:
             self._wanted, self._seen = index, True
             self._asked.append(index)
+            self._faults.pop(index, None)  # it is tried again
             self._changed.notify_all()
             patience = SOON if near and self._frames else PATIENCE
-            self._changed.wait_for(lambda: index in self._frames or self._fault or self._closed, patience)
+            self._changed.wait_for(lambda: self._tried(index) or self._closed, patience)
             self._asked.remove(index)
-            if near and not self._fault and self._frames:
+            if near and index not in self._faults and self._frames:
                 index = min(self._frames, key=lambda other: abs(other - index))
             if index in self._frames:
                 self._frames.move_to_end(index)
                 return index, self._frames[index]
-            raise BadInput(f"{self._video.path}: frame {index} cannot be decoded; {self._fault or 'ask again'}.")
+            if index in self._faults:
+                why = str(self._faults[index]).removesuffix(".")
+                raise BadInput(f"{self._video.path}: frame {index} cannot be decoded; {why}.")
+            raise BadInput(f"{self._video.path}: frame {index} is not decoded yet; ask again.")
 
     def close(self) -> None:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
+    def join(self) -> None:
+        """Wait until the thread has ended: Python must not end while it decodes."""
+        self._thread.join(PATIENCE)
+
+    def _tried(self, index: int) -> bool:
+        return index in self._frames or index in self._faults
+
     def _decode(self) -> None:
         reader: Iterator[Picture] = iter(())
         position = -1  # of the next picture of the reader
-        try:
-            while (target := self._next()) is not None:
+        while (target := self._next()) is not None:
+            try:
                 if not position <= target <= position + ONWARDS or position < 0:
-                    position = target
-                    reader = self._video.source.pictures(position)
+                    position, reader = target, self._video.source.pictures(target)
                 picture = next(reader, None)
                 if picture is None:
                     raise BadInput(f"the clip ends before frame {position}")
                 self._keep(position, encoded(picture[1]()))
                 position += 1
-        except Exception as error:  # shown where the frame is asked for
-            with self._changed:
-                self._fault = error
-                self._changed.notify_all()
+            except Exception as error:  # shown where the frame is asked for
+                with self._changed:
+                    self._faults[position] = error
+                    self._changed.notify_all()
+                position = -1  # the reader may have ended with it
 
     def _next(self) -> int | None:
         """The frame to decode next; waits while there is none, None at the end."""
         with self._changed:
             while not self._closed:
                 # the latest first, but all of them: requests may arrive in another order than they were sent
-                waiting = [index for index in self._asked if index not in self._frames]
+                waiting = [index for index in self._asked if not self._tried(index)]
                 wanted = waiting[-1] if waiting else self._wanted
-                if wanted not in self._frames:
+                if not self._tried(wanted):
                     earlier = range(max(wanted - BEHIND, 0), wanted)
                     # going back: the frames before it are decoded with it, as each needs those before itself
                     back = wanted + 1 in self._frames
-                    return next((index for index in earlier if back and index not in self._frames), wanted)
-                # then all others, from there on: a clip that has no room is left alone before frames are given up
-                if self._seen and self._size < ROOM * KEPT:
+                    return next((index for index in earlier if back and not self._tried(index)), wanted)
+                # then all others, from there on: a clip that has no room is left alone before frames are given up, a
+                # damaged one because each frame behind the damage could mean to decode all since the last keyframe
+                if self._seen and self._size < ROOM * KEPT and not self._faults:
                     others = chain(range(wanted + 1, len(self.info.times)), range(wanted))
                     missing = next((index for index in others if index not in self._frames), None)
                     if missing is not None:
@@ -157,10 +179,12 @@ class Pictures:
         with self._lock:
             for clip in self._clips.values():
                 clip.close()
+            for clip in self._clips.values():
+                clip.join()
             self._clips.clear()
 
     def _clip(self, medium: Path, camera: Camera) -> Clip:
-        key = (medium, medium.stat().st_mtime_ns, camera.board, camera.frame_rate)
+        key = (medium, version_of(medium, camera), camera.frame_rate)
         with self._lock:
             if key not in self._clips:
                 self._clips[key] = Clip(open_video(medium, _as_taken(camera)))
@@ -170,7 +194,7 @@ class Pictures:
             return self._clips[key]
 
     def _photo(self, medium: Path, camera: Camera) -> tuple[MediaInfo, bytes]:
-        key = (medium, medium.stat().st_mtime_ns, camera.board)
+        key = (medium, version_of(medium, camera))
         with self._lock:
             if key not in self._photos:
                 picture, _ = read_photo(medium, _as_taken(camera))

@@ -6,7 +6,7 @@ import secrets
 from dataclasses import dataclass
 
 from starlette.requests import HTTPConnection
-from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 POLICY = "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
@@ -20,6 +20,11 @@ HEADERS = {
     "cache-control": "no-store",
 }
 """Headers of every answer that does not set them itself."""
+
+
+def refusal(sentence: str, status: int) -> JSONResponse:
+    """A refusal as the page shows it."""
+    return JSONResponse({"error": sentence}, status)
 
 
 @dataclass(frozen=True)
@@ -62,11 +67,13 @@ class Guard:
                 message["headers"] = [*message["headers"], *(pair for pair in added if pair[0] not in there)]
             await send(message)
 
-        answer = self.app if scope["type"] == "http" else PlainTextResponse("only HTTP is spoken here.", 400)
+        answer = self.app if scope["type"] == "http" else refusal("only HTTP is spoken here.", 400)
         if scope["type"] == "http":
             request = HTTPConnection(scope)
             if why := self._refused(request):
-                answer = PlainTextResponse(why, 403)
+                # the address itself is opened by a person, who reads plain text
+                kind = PlainTextResponse if request.scope["path"] == "/" else refusal
+                answer = kind(why, 403)
             elif "token" in request.query_params:  # out of the address, which is seen on screens and in histories
                 answer = RedirectResponse(scope["path"], 303)
                 answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict", path="/")

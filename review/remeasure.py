@@ -9,7 +9,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,14 +17,16 @@ from functools import cache
 from importlib import import_module
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.compare.worker_processes import Workers
 from rigtwin.lab.arrays import Image
-from rigtwin.lab.errors import Mark, RigtwinError
+from rigtwin.lab.errors import BadInput, Mark, RigtwinError
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.quantity import Measurement
@@ -32,10 +34,15 @@ from rigtwin.review.twin_in_step import twin_marks
 
 AT_ONCE = 2  # processes: while one is stopped and started again, the other one measures with the new settings
 KEPT = 64  # results
+MEASURING, TWIN = "measurement", "twin"  # what a process works on
 PHOTOS_KEPT = 6  # in each process: a change of one photo of a repetition leaves the others as they were observed
 MEMORY_SHORT = (
     "the process that measured ended without a result, most likely because memory ran out; close other programs, or "
     "give a shorter clip or smaller photos."
+)
+TWIN_ENDED = (
+    "the process that ran the twin ended without a result, most likely because memory ran out; close other programs, "
+    "then ask again."
 )
 
 
@@ -56,6 +63,11 @@ class Beside:
     rows: tuple[Deviation, ...] = ()
     marks: tuple[Mark, ...] = ()
     refused: str = ""
+    ended: bool = False
+    """Whether the system ended the process that ran the twin."""
+
+
+Outcome = TypeVar("Outcome", Remeasured, Beside)
 
 
 class Remeasuring:
@@ -85,13 +97,14 @@ class Remeasuring:
         str
             What distinguishes these settings from others.
         Future of Remeasured
-            The result; cancelled if other settings are asked for meanwhile.
+            The result; `BadInput` says what else was asked for, if it is stopped.
         """
         key = _key(experiment, views)
         with self._lock:
             if not _useful(self._results.get(key)):
                 shown = tuple(views)
-                self._results[key] = self._chosen(shown).start(shown, _measure, experiment, shown)
+                ended = Remeasured(Failure(shown[0], MEMORY_SHORT), 0.0, ended=True)
+                self._results[key] = self._chosen(shown, MEASURING).start(shown, ended, _measure, experiment, shown)
                 while len(self._results) > KEPT:
                     self._results.popitem(last=False)
             self._results.move_to_end(key)
@@ -112,13 +125,15 @@ class Remeasuring:
         Returns
         -------
         Future of Beside
-            The result; cancelled if other settings are asked for meanwhile.
+            The result; `BadInput` says what else was asked for, if it is stopped.
         """
         views = (measurement.source,)
         key = f"{_key(experiment, views)} {hashlib.sha256(pickle.dumps(model)).hexdigest()}"
         with self._lock:
-            if key not in self._twins or self._twins[key].cancelled():
-                self._twins[key] = self._chosen(views).start(views, _simulate, experiment, model, measurement)
+            if not _useful(self._twins.get(key)):
+                ended = Beside(refused=TWIN_ENDED, ended=True)
+                slot = self._chosen(views, TWIN)
+                self._twins[key] = slot.start(views, ended, _simulate, experiment, model, measurement)
                 while len(self._twins) > KEPT:
                     self._twins.popitem(last=False)
             return self._twins[key]
@@ -133,19 +148,20 @@ class Remeasuring:
         """End the processes at once."""
         with self._lock:
             for slot in self._slots:
-                slot.stop()
+                slot.stop("the page was closed")
 
-    def _chosen(self, views: tuple[Path, ...]) -> _Slot:
+    def _chosen(self, views: tuple[Path, ...], work: str) -> _Slot:
         """The process that is to work on these media; what works on them with other settings is stopped."""
         for slot in self._slots:
             if slot.busy and slot.views == views:
-                slot.renew()
+                slot.renew(f"its {work} with other settings was asked for meanwhile")
         idle = [slot for slot in self._slots if not slot.busy]
         # one that has observed these media before, else one that has loaded its libraries
         idle.sort(key=lambda slot: (slot.views != views, not slot.loaded))
         chosen = idle[0] if idle else self._slots[0]
         if chosen.busy:
-            chosen.renew()
+            chosen.renew(f"the {work} of {views[0].name} was asked for meanwhile")
+        chosen.work = work
         self._slots.remove(chosen)
         self._slots.append(chosen)  # the one that was asked first stands first
         return chosen
@@ -156,6 +172,7 @@ class _Slot:
 
     def __init__(self) -> None:
         self.views: tuple[Path, ...] = ()
+        self.work = MEASURING
         self._promised: Future[Any] = Future()
         self._promised.cancel()
         self._workers: Workers | None = None
@@ -171,27 +188,36 @@ class _Slot:
         """Whether the process has loaded its libraries."""
         return self._loading.done()
 
-    def start(self, views: tuple[Path, ...], work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Let the process do some work on these media."""
+    def start(
+        self, views: tuple[Path, ...], if_ended: Outcome, work: Callable[..., Outcome], *arguments: Any
+    ) -> Future[Outcome]:
+        """Let the process do some work on these media; `if_ended` is the result where the system ends the process."""
         self.views = views
         workers = self.begin()
         try:
             job = workers.submit(work, *arguments)
         except BrokenProcessPool:  # the process was ended by the system meanwhile
-            self.stop()
+            self._end()
             job = self.begin().submit(work, *arguments)
-        promised: Future[Any] = Future()
+        promised: Future[Outcome] = Future()
         self._promised = promised
-        job.add_done_callback(lambda done: _hand_on(done, promised, views))
+        job.add_done_callback(lambda done: _hand_on(done, promised, if_ended))
         return promised
 
-    def renew(self) -> None:
+    def renew(self, why: str) -> None:
         """Stop what is measured, and begin a new process."""
-        self.stop()
+        self.stop(why)
         self.begin()
 
-    def stop(self) -> None:
-        self._promised.cancel()
+    def stop(self, why: str) -> None:
+        """Stop what is measured; who waits for it is given the reason."""
+        if self.busy:
+            with suppress(InvalidStateError):  # it is there just now
+                stopped = f"{self.views[0]}: the {self.work} was stopped, because {why}; choose it again."
+                self._promised.set_exception(BadInput(stopped))
+        self._end()
+
+    def _end(self) -> None:
         for process in self._processes:
             process.terminate()
         if self._workers is not None:
@@ -201,7 +227,7 @@ class _Slot:
     def begin(self) -> Workers:
         """Start the process, unless it runs."""
         if not all(process.is_alive() for process in self._processes):
-            self.stop()
+            self._end()
         if self._workers is None:
             others = set(multiprocessing.active_children())
             self._workers = Workers(1)
@@ -210,21 +236,19 @@ class _Slot:
         return self._workers
 
 
-def _useful(known: Future[Remeasured] | None) -> bool:
+def _useful(known: Future[Outcome] | None) -> bool:
     """Whether a result is there or will come; where the system ended the process it is tried again."""
     if known is None or known.cancelled():
         return False
     return not known.done() or (known.exception() is None and not known.result().ended)
 
 
-def _hand_on(done: Future[Any], promised: Future[Any], views: tuple[Path, ...]) -> None:
-    if promised.cancelled():
-        return
-    with suppress(Exception):  # cancelled just now
+def _hand_on(done: Future[Outcome], promised: Future[Outcome], if_ended: Outcome) -> None:
+    with suppress(InvalidStateError):  # it was stopped
         if done.cancelled():
             promised.cancel()
         elif isinstance(error := done.exception(), BrokenProcessPool):
-            promised.set_result(Remeasured(Failure(views[0], MEMORY_SHORT), 0.0, ended=True))
+            promised.set_result(if_ended)
         elif error is not None:
             promised.set_exception(error)
         else:
@@ -239,12 +263,8 @@ def _measure(experiment: Experiment, views: tuple[Path, ...]) -> Remeasured:
 
 
 def _simulate(experiment: Experiment, model: Model, measurement: Measurement) -> Beside:
-    from rigtwin.measure.geometry.calibration_board import straightened
-    from rigtwin.measure.media.video import open_video
-
     try:
         twin = twin_of(experiment, model=model, measurements=[measurement])
-        video = open_video(measurement.source, straightened(experiment.camera_of(measurement.source)))
     except RigtwinError as error:
         return Beside(refused=str(error))
     rows = deviations(
@@ -254,7 +274,7 @@ def _simulate(experiment: Experiment, model: Model, measurement: Measurement) ->
         list(twin.evaluation.quantities),
         set_from=twin.set_from,
     )
-    return Beside(tuple(rows), twin_marks(measurement, twin.tracks, video.times))
+    return Beside(tuple(rows), twin_marks(measurement, twin.tracks, np.array(measurement.frame_times)))
 
 
 @cache
@@ -284,5 +304,7 @@ def _key(experiment: Experiment, views: Sequence[Path]) -> str:
     """A text that is the same for the same settings of these media."""
     cameras = tuple(experiment.camera_of(view) for view in views)
     state = tuple((view, view.stat().st_mtime_ns, view.stat().st_size) for view in views if view.exists())
-    alone = replace(experiment, repetitions=(), cameras={}, rejected={}, measured=(), outside=frozenset())
+    alone = replace(
+        experiment, repetitions=(), with_rejected=(), cameras={}, rejected={}, measured=(), outside=frozenset()
+    )
     return hashlib.sha256(pickle.dumps((alone, cameras, state))).hexdigest()

@@ -10,15 +10,11 @@ development group.
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
-import signal
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +23,9 @@ import numpy as np
 
 from rigtwin.benchmarks.figures import Row, below, report, skipped, small
 from rigtwin.benchmarks.measure.speed import draw_clip
+from rigtwin.benchmarks.review.opened_page import CHROMIUM, OpenedPage, Point, served
 
 MEDIA = Path(__file__).resolve().parents[2] / "sample_media"
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 SECONDS = small(2.0, 1.0)  # of the clip at 240 frames per second
 SCRUBBED = {
     "slowly, on": (0, 0.3, 4),
@@ -82,20 +78,6 @@ SCRUB = """async ([from, to, seconds]) => {
 }"""
 
 
-@contextmanager
-def served(lab: Path) -> Iterator[str]:
-    """The address of the page of a lab."""
-    words = [sys.executable, "-m", "rigtwin", "review", str(lab), "--no-browser"]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
-        assert server.stdout is not None
-        found = re.search(r"http://127\.0\.0\.1:\S+", server.stdout.readline())
-        assert found is not None, "the server has not started"
-        try:
-            yield found[0]
-        finally:
-            server.send_signal(signal.SIGINT)
-
-
 def sample_lab(folder: Path) -> Path:
     shutil.copytree(MEDIA, folder, ignore=shutil.ignore_patterns("renderer", "seven_rigs"))
     shutil.copy(MEDIA / "seven_rigs" / "packing.jpg", folder)
@@ -103,50 +85,28 @@ def sample_lab(folder: Path) -> Path:
     return folder
 
 
-class Page:
-    """The page as a person uses it."""
+class Page(OpenedPage):
+    """The page, and how soon it answers."""
 
     def __init__(self, browser: Any, address: str) -> None:
-        self.page = browser.new_page(viewport={"width": 1280, "height": 800})
+        super().__init__(browser.new_page(viewport={"width": 1280, "height": 800}))
         begun = time.perf_counter()
         self.page.goto(address, wait_until="commit")
         self.shown()
         self.first = time.perf_counter() - begun
 
-    def shown(self) -> None:
-        self.page.locator("html[data-frame]").wait_for(state="attached")
-
-    def measured(self) -> None:
-        self.page.locator("#state", has_text="(in").wait_for(timeout=180_000)
-
     def show(self, name: str) -> None:
-        self.page.locator("#list button", has_text=name).click()
-        self.page.locator("#list [aria-current=true]", has_text=name).wait_for()
-        self.shown()
+        super().show(name)
         self.measured()
 
-    def at(self, x: float, y: float) -> tuple[float, float]:
-        left, top, width, height = self.page.locator("#overlay").evaluate(
-            "svg => { const b = svg.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; }"
-        )
-        _, _, wide, tall = map(float, self.page.locator("#overlay").get_attribute("viewBox").split())
-        return left + (x + 0.5) / wide * width, top + (y + 0.5) / tall * height
-
-    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> float:
+    def drag(self, start: Point, end: Point) -> float:
         """Seconds from the release of the button to the new numbers."""
-        mouse = self.page.mouse
-        mouse.move(*self.at(*start))
-        mouse.down()
-        mouse.move(*self.at((start[0] + end[0]) / 2, (start[1] + end[1]) / 2))
-        mouse.move(*self.at(*end))
+        self.pull(start, end)
         known = self.page.locator("html").get_attribute("data-result")
         begun = time.perf_counter()
-        mouse.up()
+        self.page.mouse.up()
         self.page.locator(f'html[data-result]:not([data-result="{known}"])').wait_for(state="attached", timeout=60_000)
         return time.perf_counter() - begun
-
-    def tool(self, label: str) -> None:
-        self.page.locator("#tools .tool > button", has_text=label).first.click()
 
 
 def figures(browser: Any, folder: Path) -> list[Row]:
@@ -157,37 +117,36 @@ def figures(browser: Any, folder: Path) -> list[Row]:
     rows = []
     first = []
     for _ in range(small(5, 1)):
-        with served(clip) as address:
-            first.append(Page(browser, address).first)
+        with served(clip) as server:
+            first.append(Page(browser, server.address).first)
     note = f"from the address on, median of {', '.join(f'{each:.2f}' for each in first)}"
     rows.append(below("1920 x 1080 px clip: first frame", float(np.median(first)), 1.0, unit="s", note=note))
-    with served(clip) as address:
-        page = Page(browser, address)
+    with served(clip) as server:
+        page = Page(browser, server.address)
         page.measured()
         for how, (start, end, seconds) in SCRUBBED.items():
             rate, longest = page.page.evaluate(SCRUB, [start, end, small(seconds, 1)])
             note = f"longest pause {longest:.2f} s"
             rows.append(Row(f"scrubbing {how}", rate, "1/s", None, "at least 15", rate >= 15, note))
-    with served(sample_lab(folder / "lab")) as address:
-        page = Page(browser, address)
+    with served(sample_lab(folder / "lab")) as server:
+        page = Page(browser, server.address)
         page.show("pile/view1.jpg")
         times = [page.drag((180.6 + 8 * k, 432.7), (180.6 + 8 * (k + 1), 432.7)) for k in range(small(4, 1))]
         rows.append(below("heap of four photos: numbers after a drag", float(np.median(times)), 1.0, unit="s"))
         page.show("packing.jpg")
-        page.tool("Cylinder walls")
+        page.choose("Cylinder walls")
         rows.append(below("bed: numbers after a drag", page.drag((104, 600), (447, 600)), 1.0, unit="s"))
         page.show("drop/r02.mp4")
-        page.tool("Region")
+        page.choose("Region")
         rows.append(below("drop, 168 frames: numbers after a drag", page.drag((60, 20), (330, 790)), 3.0, unit="s"))
     return rows
 
 
 def pictures(browser: Any, folder: Path, out: Path) -> list[Row]:
-    with served(sample_lab(folder / "lab")) as address:
-        page = Page(browser, address)
+    with served(sample_lab(folder / "lab")) as server:
+        page = Page(browser, server.address)
         page.show("pendulum/r01.mp4")
-        page.page.locator("#slider").evaluate("it => { it.value = 95; it.dispatchEvent(new Event('input')); }")
-        page.page.locator('html[data-frame="95"]').wait_for(state="attached")
+        page.slide_to(95)
         _save(page, out / "review-clip.webp")
         page.page.emulate_media(color_scheme="dark")
         page.show("pile/view1.jpg")

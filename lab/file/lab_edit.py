@@ -10,11 +10,13 @@ import shutil
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Array
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import lab_of
@@ -139,7 +141,9 @@ def with_key(content: bytes, path: Path, experiment: int, key: Sequence[str], va
     try:
         document = tomlkit.parse(text.replace("\r\n", "\n"))
         _put(document["experiments"][experiment], key, value)
-        changed = _laid_out(text.replace("\r\n", "\n"), tomlkit.dumps(document))
+        changed = tomlkit.dumps(document)
+        if value is None or not _holds(data["experiments"][experiment], key):  # whole lines come or go
+            changed = _laid_out(text.replace("\r\n", "\n"), changed)
         right = tomllib.loads(changed) == wanted
     except (TOMLKitError, ValueError, TypeError, KeyError, AttributeError):  # a layout that tomlkit cannot change
         right = False
@@ -176,13 +180,20 @@ def _nested(table: Mapping[str, Any], key: Sequence[str], value: Value) -> dict[
     return kept if inner in (None, {}) else {**table, first: inner}
 
 
+def _holds(table: Mapping[str, Any], key: Sequence[str]) -> bool:
+    first, *others = key
+    return first in table and (not others or _holds(table[first], others))
+
+
 def _put(table: Any, key: Sequence[str], value: Value) -> None:
     first, *others = key
     if not others:
         if value is None:
             table.remove(first)
-        else:
-            table[first] = list(value) if isinstance(value, list | tuple) else value
+        elif not isinstance(value, list | tuple):
+            table[first] = value
+        elif not (isinstance(table.get(first), Array) and _edited(table[first], value)):
+            table[first] = list(value)
         return
     if first not in table:
         # [experiments.files] itself needs no header, as only tables stand in it
@@ -190,6 +201,21 @@ def _put(table: Any, key: Sequence[str], value: Value) -> None:
     _put(table[first], others, value)
     if not table[first]:
         table.remove(first)
+
+
+def _edited(array: Array, wanted: Sequence[str]) -> bool:
+    """Whether only the entries that differ could be changed, so that the lines and comments of the array stay."""
+    steps = SequenceMatcher(None, array.unwrap(), list(wanted), autojunk=False).get_opcodes()
+    for _, begin, end, first, last in reversed(steps):  # from the end, so that the earlier places stay
+        new = wanted[first:last]
+        for place, entry in zip(range(begin, end), new, strict=False):
+            if array[place] != entry:
+                array[place] = entry
+        for place in reversed(range(begin + len(new), end)):
+            del array[place]
+        for place, entry in enumerate(new[end - begin :], start=end):
+            array.insert(place, entry)
+    return bool(tomllib.loads(f"it = {array.as_string()}") == {"it": list(wanted)})
 
 
 def _laid_out(before: str, after: str) -> str:

@@ -68,6 +68,8 @@ class Experiment:
     """Cameras of files for which something else is stated than `camera`."""
     rejected: Mapping[Path, str] = field(default_factory=dict)
     """Files that lab.toml names but rejects, which are not in `repetitions`, and why."""
+    with_rejected: tuple[Views, ...] = ()
+    """`repetitions` with the rejected files in their places."""
 
     def camera_of(self, view: Path) -> Camera:
         """What is stated of the camera of one file."""
@@ -256,6 +258,7 @@ def _experiment(
         scatter,
         {folder / name: file.over(entry.camera).camera(folder) for name, file in entry.files.items()},
         rejected,
+        tuple(repetitions),
     )
 
 

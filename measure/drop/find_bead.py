@@ -167,10 +167,11 @@ def _path_stated(
 ) -> SpotPath:
     """The path of what looks like the bead at the stated place and is there in the stated frame."""
     where = f"--bead-at {seed.frame}:{seed.at[0]:g},{seed.at[1]:g}"
+    seed = replace(seed, frame=video.frame_of(seed.frame))
     if not video.first <= seed.frame <= video.last:
         raise NothingToMeasure(
-            f"{video.path}: {where} is outside the frames that are measured, {video.first} to {video.last}; state the "
-            "bead in one of these, or change --start and --end."
+            f"{video.path}: {where} is outside the frames that are measured, {video.in_file(video.first)} to "
+            f"{video.in_file(video.last)}; state the bead in one of these, or change --start and --end."
         )
     radius = size if size is not None else _radius_at(moves.paths, seed)
     if radius is None:
@@ -191,7 +192,7 @@ def _path_stated(
     if nearest is None or away[nearest] > 2 * radius:
         raise NothingToMeasure(
             f"{video.path}: {len(paths)} paths of places that look like {where} were found, but none of them passes "
-            f"within {2 * radius:.0f} px of it in frame {seed.frame}; state the bead's centre in a frame that shows it "
+            f"within {2 * radius:.0f} px of it in this frame; state the bead's centre in a frame that shows it "
             "clearly and alone.",
             Seen(frame=seed.frame, marks=marks_of(paths)),
         )

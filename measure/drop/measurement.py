@@ -244,7 +244,8 @@ def _measure_film(
         }
         | camera.stated_view,
         tracks=(track,),
-        marks=picture_marks(seen, in_picture),
+        marks=video.marks_in_file(picture_marks(seen, in_picture)),
+        frame_times=tuple(video.file_times.tolist()),
     )
     if out is None:
         return measurement

@@ -179,7 +179,7 @@ def measure(
         warnings=(*warnings, *evaluation.warnings),
         camera=view,
         profiles=tuple(seen.profiles) if scale is not None else (),
-        marks=picture_marks(bed),
+        marks=shown.marks_in_file(picture_marks(bed)) if isinstance(shown, Video) else picture_marks(bed),
     )
     if out is None:
         return result

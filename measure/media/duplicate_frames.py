@@ -99,6 +99,7 @@ def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
         last=inside[-1],
         skipped=(left_out := frozenset(number for number, index in enumerate(kept) if index in video.excluded)),
         excluded=left_out,
+        numbers=np.searchsorted(beat[kept], beat),
         warnings=warnings,
     )
 

@@ -7,8 +7,8 @@ if the file's time stamps are not monotonic (B-frames in AVI), the frame index r
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.camera import Camera, Moment
-from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.lab.errors import BadInput, Mark, UnreadableMedia
 from rigtwin.measure.media import pictures
 from rigtwin.measure.media.sources import source, straightened, without_regions
 from rigtwin.measure.media.time_base import ROUNDED, time_base
@@ -62,6 +62,8 @@ class Video:
     warnings: tuple[str, ...] = field(default=())
     skipped: frozenset[int] = field(default=frozenset())  # pictures that `frames()` leaves out
     excluded: frozenset[int] = field(default=frozenset())  # those of them that the user leaves out
+    numbers: npt.NDArray[np.int64] | None = field(default=None, repr=False)
+    """Frame that each picture of the file shows, in ascending order, if repeated ones were taken out of the count."""
 
     @property
     def spoilt(self) -> str:
@@ -72,6 +74,29 @@ class Video:
     def broken_off(self) -> str:
         """Why the recording may be incomplete; empty if it is complete."""
         return pictures.CUT_OFF if pictures.CUT_OFF in self.warnings else ""
+
+    @property
+    def file_times(self) -> npt.NDArray[np.float64]:
+        """Capture time of every picture in the file [s]; of a repeated one that of the picture it repeats."""
+        return self.times if self.numbers is None else self.times[self.numbers]
+
+    def in_file(self, frame: int) -> int:
+        """Index in the file of the first picture that shows a frame."""
+        return frame if self.numbers is None else int(np.searchsorted(self.numbers, frame))
+
+    def frame_of(self, index: int) -> int:
+        """The frame that a picture of the file shows; of a repeated one that is skipped the one that it repeats."""
+        if self.numbers is not None:
+            beyond = max(index - len(self.numbers) + 1, 0)
+            return int(self.numbers[index - beyond]) + beyond
+        repeated = self.skipped - self.excluded
+        while index in repeated and index - 1 >= self.first:
+            index -= 1
+        return index
+
+    def marks_in_file(self, marks: Iterable[Mark]) -> tuple[Mark, ...]:
+        """Marks with the indices that their frames have in the file."""
+        return tuple(replace(mark, frames=[self.in_file(frame) for frame in mark.frames]) for mark in marks)
 
     def frames(self, first: int | None = None, last: int | None = None) -> Iterator[Frame]:
         """The frames from `first` to `last` (inclusive, default: those of the video), in order."""
@@ -199,8 +224,7 @@ def open_video(path: Path, camera: Camera) -> Video:
     excluded = _excluded(camera, times)
     if sum(index not in excluded for index in range(first, last + 1)) < 3:
         raise BadInput(f"{path}: --exclude leaves fewer than three frames; leave out less of the clip.")
-    if camera.exclude and not excluded:
-        warnings.append(f"--exclude lies beyond the last picture ({len(times) - 1}f): nothing is left out.")
+    warnings += _holding_no_frame(camera, times)
     return Video(
         path,
         width,
@@ -220,14 +244,33 @@ def open_video(path: Path, camera: Camera) -> Video:
 
 def _excluded(camera: Camera, times: npt.NDArray[np.float64]) -> frozenset[int]:
     """The frames of the parts of the clip that are left out."""
-    found: set[int] = set()
+    return frozenset(frame for begin, end in camera.exclude for frame in _between(begin, end, times))
+
+
+def _between(begin: Moment, end: Moment, times: npt.NDArray[np.float64]) -> Iterable[int]:
+    """The frames from one moment to another; both belong to them."""
+    if begin.unit == "frame":
+        return range(math.ceil(begin.value), min(math.floor(end.value), len(times) - 1) + 1)
+    inside = (times >= begin.value - 1e-9) & (times <= end.value + 1e-9)
+    return [int(frame) for frame in np.flatnonzero(inside)]
+
+
+def _holding_no_frame(camera: Camera, times: npt.NDArray[np.float64]) -> Iterator[str]:
+    """The warnings for parts that are left out in which there is no frame."""
     for begin, end in camera.exclude:
-        if begin.unit == "frame":
-            found.update(range(math.ceil(begin.value), min(math.floor(end.value), len(times) - 1) + 1))
+        if any(True for _ in _between(begin, end, times)):
+            continue
+        span = f"{_in_words(begin)}..{_in_words(end)}"
+        last = times[-1] if begin.unit == "s" else len(times) - 1
+        if begin.value > last:
+            where = f"lies beyond the last picture ({len(times) - 1}f at {times[-1]:.4g} s)"
         else:
-            inside = (times >= begin.value - 1e-9) & (times <= end.value + 1e-9)
-            found.update(np.flatnonzero(inside).tolist())
-    return frozenset(found)
+            where = "lies between two frames"
+        yield f"--exclude {span} {where}: it leaves nothing out."
+
+
+def _in_words(moment: Moment) -> str:
+    return f"{moment.value:g} s" if moment.unit == "s" else f"{moment.value:g}f"
 
 
 def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str]:
@@ -238,10 +281,9 @@ def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str
     beyond = end is not None and end.value > (count if end.unit == "frame" else shown + ROUNDED)
     if end is None or not beyond:
         return []
-    asked = f"{end.value:g} s" if end.unit == "s" else f"{end.value:g}f"
     return [
-        f"--end {asked} lies beyond the clip, whose last picture ({count - 1}f) is at {times[-1]:.4g} s: the clip was "
-        "measured to its end; check --end, and --frame-rate, which sets the time scale."
+        f"--end {_in_words(end)} lies beyond the clip, whose last picture ({count - 1}f) is at {times[-1]:.4g} s: "
+        "the clip was measured to its end; check --end, and --frame-rate, which sets the time scale."
     ]
 
 

@@ -170,7 +170,8 @@ def measure(
         ),
         camera=seen,
         tracks=tracks,
-        marks=picture_marks(film.beads, picture_view(film.fit, film.times)),
+        marks=video.marks_in_file(picture_marks(film.beads, picture_view(film.fit, film.times))),
+        frame_times=tuple(video.file_times.tolist()),
         files={} if out is None else _write(out, video, film, fit, quantities, progress=progress),
     )
 

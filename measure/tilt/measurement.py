@@ -154,7 +154,8 @@ def measure(
         camera=_view(video, gauge, camera),
         tracks=(track,),
         series=(plate,),
-        marks=picture_marks(film),
+        marks=video.marks_in_file(picture_marks(film)),
+        frame_times=tuple(video.file_times.tolist()),
     )
     if out is None:
         return measurement
@@ -218,7 +219,8 @@ def _of_plate_at_rest(
         camera=_view(video, gauge, camera),
         tracks=(track,),
         series=(plate,),
-        marks=picture_marks(film),
+        marks=video.marks_in_file(picture_marks(film)),
+        frame_times=tuple(video.file_times.tolist()),
     )
     if out is None:
         return measurement

@@ -137,13 +137,14 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
     horizontal = 0.0 if level is None else level.slope
     usual = float(np.median(list(arm.directions.values()))) + arm.tilt
     uphill = 1 if usual < horizontal else -1
-    body = find_body(arm, samples, uphill, glare(scene.picture) | in_front(arm, still), camera.bead_at)
+    seed = camera.bead_at and replace(camera.bead_at, frame=video.frame_of(camera.bead_at.frame))
+    body = find_body(arm, samples, uphill, glare(scene.picture) | in_front(arm, still), seed)
     if body is None and camera.bead_at is not None:
         x, y = camera.bead_at.at
         raise NothingToMeasure(
             f"{video.path}: what is at --bead-at {camera.bead_at.frame}:{x:g},{y:g} does not leave its place on the "
             f"plate in frames {video.first} to {video.last}; state the body's centre in a frame in which it rests.",
-            _arm_seen(arm, camera.bead_at.frame),
+            _arm_seen(arm, video.frame_of(camera.bead_at.frame)),
         )
     if body is None and camera.plate is not None:
         raise NothingToMeasure(

@@ -1,9 +1,12 @@
 // Requests to the server of this page.  A refusal is thrown with its sentence.
 
 async function answer(response) {
-  const found = await response.json().catch(() => ({ error: response.statusText }));
-  if (!response.ok) throw new Error(found.error ?? "the server does not answer; start rigtwin review again.");
-  return found;
+  if (response.ok) return response.json(); // an abort meanwhile is thrown too
+  const { error } = await response.json().catch((fault) => {
+    if (fault.name === "AbortError") throw fault;
+    return {};
+  });
+  throw new Error(error ?? "the server does not answer; start rigtwin review again.");
 }
 
 async function asked(address, options) {

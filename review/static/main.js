@@ -109,9 +109,10 @@ function include(index) {
   set("exclude", left.length ? left : null, view().own.includes("exclude"));
 }
 
-function leaveOut() {
-  if (from === null) return;
-  const [a, b] = [Math.min(from, stage.index), Math.max(from, stage.index)];
+/** Leave out the frames from one to the one that is shown. */
+function leaveOut(first) {
+  if (first === null) return;
+  const [a, b] = [Math.min(first, stage.index), Math.max(first, stage.index)];
   from = null;
   set("exclude", [...(view().stated.exclude ?? []).map(span), `${a}f..${b}f`]);
 }
@@ -336,7 +337,8 @@ const FILM_KEYS = {
   End: () => stage.show(stage.media.times.length - 1),
   " ": play,
   "[": leaveOutFrom,
-  "]": leaveOut,
+  "]": () => leaveOut(from),
+  x: () => leaveOut(stage.index),
 };
 
 document.addEventListener("keydown", (event) => {
@@ -366,7 +368,8 @@ $("slider").addEventListener("input", () => stage.show(Number($("slider").value)
 $("set-start").addEventListener("click", () => set("start", `${stage.index}f`));
 $("set-end").addEventListener("click", () => set("end", `${stage.index}f`));
 $("span-from").addEventListener("click", leaveOutFrom);
-$("span-to").addEventListener("click", leaveOut);
+$("span-to").addEventListener("click", () => leaveOut(from));
+$("span-one").addEventListener("click", () => leaveOut(stage.index));
 $("verdict").addEventListener("submit", (event) => {
   event.preventDefault();
   if (!view().rejected) set("rejected", $("reason").value, true);

@@ -95,8 +95,19 @@ function inWords(key, value) {
 // ------------------------------------------------------------------------------------------------ part of the clip
 
 const moment = ({ value, unit }) => (unit === "frame" ? `frame ${value}` : `${value} s`);
-export const frameOf = ({ value, unit }, times) =>
-  unit === "frame" ? Math.round(value) : Math.max(times.findIndex((time) => time >= value - 1e-9), 0);
+
+/** The first frame at a moment or after it; behind the clip the last one. */
+function frameOf({ value, unit }, times) {
+  const frame = unit === "frame" ? Math.round(value) : times.findIndex((time) => time >= value - 1e-9);
+  return frame < 0 ? times.length - 1 : Math.min(frame, times.length - 1);
+}
+
+/** The part of a clip that is left out, from a frame to the one behind it; both ends belong to it. */
+function spanOf([a, b], times) {
+  const first = a.unit === "frame" ? Math.ceil(a.value) : times.findIndex((time) => time >= a.value - 1e-9);
+  const last = b.unit === "frame" ? Math.floor(b.value) : times.findLastIndex((time) => time <= b.value + 1e-9);
+  return [first < 0 ? times.length : first, Math.min(last, times.length - 1) + 1];
+}
 
 export function showParts(view, times, actions) {
   const { start, end, exclude = [] } = view.stated;
@@ -107,7 +118,7 @@ export function showParts(view, times, actions) {
     ...(end ? [entry(`ends at ${moment(end)}`, () => actions.set("end", null))] : []),
     ...exclude.map(([a, b], index) => entry(`left out: ${moment(a)} to ${moment(b)}`, () => actions.include(index))),
   );
-  const spans = exclude.map(([a, b]) => [frameOf(a, times), frameOf(b, times) + 1]);
+  const spans = exclude.map((each) => spanOf(each, times)).filter(([a, b]) => b > a);
   if (start) spans.push([0, frameOf(start, times)]);
   if (end) spans.push([frameOf(end, times) + 1, times.length]);
   $("spans").replaceChildren(...spans.map(([a, b]) => {
@@ -124,7 +135,7 @@ export function showParts(view, times, actions) {
 export function showTwin(compared, id, { canRun, beside }) {
   const rows = beside?.rows ?? compared.rows?.[id] ?? [];
   $("twin-part").hidden = !rows.length && !canRun;
-  $("twin-run-row").hidden = !canRun || Boolean(beside);
+  $("twin-run-row").hidden = !canRun || Boolean(beside && !beside.refused);
   $("twin-old").hidden = !compared.changed_since || !compared.rows?.[id] || Boolean(beside);
   $("twin-state").textContent = beside?.refused ?? (!rows.length || beside ? "" : "(last comparison)");
   $("twin").hidden = !rows.length;

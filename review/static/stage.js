@@ -36,23 +36,35 @@ export class Stage {
     return this.media?.times.length > 0;
   }
 
-  /** Show a photo or a clip; `place` is experiment/repetition/view. */
+  /** Show a photo or a clip; `place` is experiment/repetition/view.  Of one that is shown only what has changed. */
   async open(place, view, frame = 0) {
-    if (this.place === place && this.media) return;
-    this.place = place;
-    this.view = view;
-    this.media = null;
-    this.marks = [];
-    delete document.documentElement.dataset.frame;
+    const same = this.place === place && Boolean(this.media);
+    if (!same) {
+      this.place = place;
+      this.view = view;
+      this.media = null;
+      this.marks = [];
+      delete document.documentElement.dataset.frame;
+    }
     const media = await get(`/api/media/${place}`);
     if (this.place !== place) return;
+    if (same) {
+      if (JSON.stringify(media) === JSON.stringify(this.media)) return;
+      if (media.version === this.media.version) { // the same pictures at other times
+        this.media = media;
+        return;
+      }
+      frame = this.index;
+    }
     this.media = media;
     $("no-picture").hidden = true;
     $("picture").hidden = false;
     this.frames = new Frames(`/frame/${place}`, Math.max(media.times.length, 1), media.version);
     this.svg.setAttribute("viewBox", `-0.5 -0.5 ${media.width} ${media.height}`);
-    this.zoom = 1;
-    this.shift = [0, 0];
+    if (!same) {
+      this.zoom = 1;
+      this.shift = [0, 0];
+    }
     this.fit();
     this.index = -1;
     await this.show(this.film ? frame : 0);
@@ -77,9 +89,9 @@ export class Stage {
     this.showing = true;
     try {
       while (this.index !== this.wanted) {
-        const [place, next] = [this.place, this.wanted];
-        const { bitmap, shown } = await this.frames.picture(next);
-        if (this.place !== place) continue;
+        const [place, frames, next] = [this.place, this.frames, this.wanted];
+        const { bitmap, shown } = await frames.picture(next);
+        if (this.place !== place || this.frames !== frames) continue;
         this.canvas.width = bitmap.width;
         this.canvas.height = bitmap.height;
         this.canvas.getContext("2d").drawImage(bitmap, 0, 0);

@@ -99,3 +99,22 @@ def test_a_frame_near_the_one_that_is_asked_for_comes_while_that_is_not_there(cl
     assert number_on(data) == shown
     assert pictures.picture(clip, Camera(), 199, photo=False)[0] == 199
     assert pictures.picture(clip, Camera(), 199, photo=False, near=True)[0] == 199
+
+
+def test_a_frame_that_cannot_be_decoded_leaves_the_others_as_they_are(tmp_path, pictures, monkeypatch):
+    monkeypatch.setattr(subject, "KEPT", 20_000)  # some ten frames: most are decoded when they are asked for
+    for k in range(40):
+        grey = np.full((48, 64, 3), 40 + 10 * (k // 10), dtype=np.uint8)
+        grey[:, 32:] = 40 + 10 * (k % 10)
+        cv2.imwrite(str(tmp_path / f"{k:03}.png"), grey)
+    damaged = tmp_path / "020.png"
+    whole = damaged.read_bytes()
+    damaged.write_bytes(whole[:40])
+    camera = Camera(frame_rate=240)
+    for index in (0, 19, 21, 39, 21, 19, 0):
+        assert number_on(pictures.picture(tmp_path, camera, index, photo=False)[1]) == index
+    with pytest.raises(BadInput, match="frame 20 cannot be decoded"):
+        pictures.picture(tmp_path, camera, 20, photo=False)
+    assert number_on(pictures.picture(tmp_path, camera, 30, photo=False)[1]) == 30
+    damaged.write_bytes(whole)
+    assert number_on(pictures.picture(tmp_path, camera, 20, photo=False)[1]) == 20

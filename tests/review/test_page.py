@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -10,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from rigtwin.benchmarks.review.opened_page import CHROMIUM, OpenedPage, Point
 from rigtwin.cli import run
 from rigtwin.lab.file.lab_file import read_lab
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium here: apt-get install chromium")
 
 PATIENCE = 20_000  # [ms], far above what a busy machine takes
@@ -71,11 +72,12 @@ repetitions = ["hopper.mp4"]
 """
 
 
-class Opened:
+class Opened(OpenedPage):
     """The page of one lab, and the requests and errors since it was opened."""
 
     def __init__(self, page, lab: Path, address: str) -> None:
-        self.page, self.lab, self.address = page, lab, address
+        super().__init__(page)
+        self.lab, self.address = lab, address
         self.requests: list[str] = []
         self.errors: list[str] = []
         page.on("request", lambda request: self.requests.append(request.url))
@@ -86,14 +88,6 @@ class Opened:
     def text(self) -> str:
         return (self.lab / "lab.toml").read_text()
 
-    def show(self, name: str) -> None:
-        self.page.get_by_role("button", name=name).click()
-        self.page.locator("#list [aria-current=true]", has_text=name).wait_for()
-        self.page.locator("html[data-frame]").wait_for(state="attached")
-
-    def measured(self) -> None:
-        self.page.locator("#state", has_text="(in").wait_for(timeout=60_000)
-
     @contextmanager
     def changed(self) -> Iterator[None]:
         """Until the page shows the answer to a change."""
@@ -101,33 +95,28 @@ class Opened:
         yield
         self.page.locator(f'html[data-changes="{before + 1}"]').wait_for(state="attached")
 
-    def at(self, x: float, y: float) -> tuple[float, float]:
-        """Where a place of the picture is on the screen."""
-        left, top, width, height = self.page.locator("#overlay").evaluate(
-            "svg => { const b = svg.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; }"
-        )
-        _, _, wide, tall = map(float, self.page.locator("#overlay").get_attribute("viewBox").split())
-        return left + (x + 0.5) / wide * width, top + (y + 0.5) / tall * height
-
-    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        mouse = self.page.mouse
-        mouse.move(*self.at(*start))
-        mouse.down()
-        mouse.move(*self.at((start[0] + end[0]) / 2, (start[1] + end[1]) / 2))
-        mouse.move(*self.at(*end))
+    def drag(self, start: Point, end: Point) -> None:
+        self.pull(start, end)
         with self.changed():
-            mouse.up()
+            self.page.mouse.up()
 
-    def state(self, tool: str, start: tuple[float, float], end: tuple[float, float]) -> None:
+    def state(self, tool: str, start: Point, end: Point) -> None:
         """Press the button of a place, then drag."""
-        self.page.locator("#tools .tool > button", has_text=tool).first.click()
+        self.choose(tool)
         self.drag(start, end)
 
     def value(self, quantity: str) -> float:
         return float(self.page.locator(f"tr[data-quantity={quantity}]").first.get_attribute("data-value"))
 
-    def frame(self, index: int) -> None:
-        self.page.locator(f'html[data-frame="{index}"]').wait_for(state="attached")
+    def edited(self, text: str) -> None:
+        """Another lab.toml, as by an editor, from which the person comes back to the page."""
+        part = self.lab / "lab.toml.part"
+        part.write_text(text)
+        part.replace(self.lab / "lab.toml")
+        self.come_back()
+
+    def come_back(self) -> None:
+        self.page.evaluate("window.dispatchEvent(new Event('focus'))")
 
 
 @pytest.fixture(scope="module")
@@ -201,8 +190,7 @@ def test_a_clip_is_scrubbed_with_slider_and_keys(opened):
     for key, frame in {"ArrowRight": 1, "Shift+ArrowRight": 11, "ArrowLeft": 10, "End": 167, "Home": 0}.items():
         opened.page.keyboard.press(key)
         opened.frame(frame)
-    opened.page.locator("#slider").evaluate("it => { it.value = 60; it.dispatchEvent(new Event('input')); }")
-    opened.frame(60)
+    opened.slide_to(60)
     assert opened.page.locator("#canvas").evaluate(picture) != first
     playwright.expect(opened.page.locator("#when")).to_contain_text("frame 60 of 167")
     playwright.expect(opened.page.locator("#when")).to_contain_text("0.2500 s")
@@ -216,10 +204,7 @@ def test_the_twin_of_a_clip_is_played_in_step_with_it(opened):
     rebound.wait_for(timeout=60_000)
     shown = {}
     for frame in (60, 63):
-        opened.page.locator("#slider").evaluate(
-            "(it, to) => { it.value = to; it.dispatchEvent(new Event('input')); }", frame
-        )
-        opened.frame(frame)
+        opened.slide_to(frame)
         twin, seen = (
             opened.page.locator(f"#overlay circle.{kind}").evaluate("it => [it.cx.baseVal.value, it.cy.baseVal.value]")
             for kind in ("twin", "track")
@@ -268,13 +253,24 @@ def test_a_part_of_a_clip_is_left_out(opened):
     assert opened.page.locator("#spans i").count() == 1
 
 
+def test_one_frame_is_left_out_beside_others(opened):
+    opened.show("r02.mp4")
+    opened.page.keyboard.press("ArrowRight")
+    opened.frame(1)
+    with opened.changed():
+        opened.page.keyboard.press("x")
+    assert 'exclude = ["1f..1f"]' in opened.text
+    opened.page.keyboard.press("ArrowRight")
+    opened.frame(2)
+    with opened.changed():
+        opened.page.get_by_role("button", name="Leave out this frame").click()
+    assert 'exclude = ["1f..1f", "2f..2f"]' in opened.text
+
+
 def test_a_known_length_is_dragged_and_then_written(opened):
-    opened.page.locator("#tools .tool > button", has_text="Known length").click()
-    mouse = opened.page.mouse
-    mouse.move(*opened.at(181, 433))
-    mouse.down()
-    mouse.move(*opened.at(790, 439))
-    mouse.up()
+    opened.choose("Known length")
+    opened.pull((181, 433), (790, 439))
+    opened.page.mouse.up()
     opened.page.get_by_label("Length with its unit").fill("90 mm")
     with opened.changed():
         opened.page.keyboard.press("Enter")
@@ -323,19 +319,37 @@ def test_a_stated_place_is_taken_out_at_its_handle(opened):
 
 
 def test_what_is_changed_in_an_editor_is_seen_when_one_comes_back(opened):
-    (opened.lab / "lab.toml").write_text(LAB.replace("195,480,810,512", "181,433,790,439"))
-    opened.page.evaluate("window.dispatchEvent(new Event('focus'))")
+    opened.edited(LAB.replace("195,480,810,512", "181,433,790,439"))
     playwright.expect(opened.page.locator("#tools code").first).to_have_text("181,433,790,439")
 
 
+def test_a_frame_rate_and_a_file_that_were_changed_elsewhere_are_seen_when_one_comes_back(opened):
+    opened.show("r02.mp4")
+    opened.slide_to(60)
+    opened.edited(LAB.replace("240 Hz", "120 Hz"))
+    playwright.expect(opened.page.locator("#when")).to_contain_text("0.5000 s")
+    known = set(opened.requests)
+    os.utime(opened.lab / "r02.mp4", (7, 7))
+    with opened.page.expect_response("**/frame/1/0/0/60?*") as answer:
+        opened.come_back()
+    assert answer.value.url not in known
+    opened.frame(60)
+
+
+def test_an_end_behind_the_clip_leaves_all_of_it_in(opened):
+    cut = 'frame_rate = "240 Hz"\nend = "99 s"\nexclude = ["50 s..60 s", "0.1001 s..0.1002 s", "84f..500f"]'
+    opened.edited(LAB.replace('frame_rate = "240 Hz"', cut))
+    opened.show("r02.mp4")
+    playwright.expect(opened.page.locator("#parts")).to_contain_text("ends at 99 s")
+    bars = opened.page.locator("#spans i").evaluate_all("all => all.map(bar => [bar.style.left, bar.style.width])")
+    assert [bar for bar in bars if bar[1] != "0%"] == [["50%", "50%"]]
+
+
 def test_what_cannot_be_is_refused_in_the_words_of_the_command_line(opened):
-    opened.page.locator("#tools .tool > button", has_text="Base line").click()
-    mouse = opened.page.mouse
-    mouse.move(*opened.at(600, 100))
-    mouse.down()
-    mouse.move(*opened.at(600, 700))
+    opened.choose("Base line")
+    opened.pull((600, 100), (600, 700))
     with opened.page.expect_response("**/api/set") as answer:
-        mouse.up()
+        opened.page.mouse.up()
     said = answer.value.json()["error"]
     assert "more above than beside each other" in said
     playwright.expect(opened.page.locator("#problem")).to_have_text(said)

@@ -88,9 +88,10 @@ def test_without_the_token_nothing_is_answered(ask, path, headers):
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:{port}", "127.0.0.1", "127.0.0.1:1"])
 def test_another_host_name_is_refused(ask, host):
-    status, said, _ = ask("/api/lab", {**ask.cookie, "Host": host.format(port=ask.port)})
-    assert status == 403
-    assert b"only there for this machine" in said
+    for path in ("/api/lab", "/frame/0/0/0/0"):
+        status, said, _ = ask(path, {**ask.cookie, "Host": host.format(port=ask.port)})
+        assert status == 403
+        assert "only there for this machine" in json.loads(said)["error"]
 
 
 @pytest.mark.parametrize(
@@ -213,3 +214,24 @@ def test_a_photo_that_no_lab_names_is_refused(lab, capfd):
     shutil.copy(MEDIA / "pile/view2.jpg", lab)
     assert run(["review", str(lab / "view2.jpg"), "--no-browser"]) == 2
     assert "view2.jpg: no lab.toml above it names it" in capfd.readouterr().err
+
+
+def test_patterns_and_folders_are_shown_as_the_files_that_they_name_rejected_ones_too(tmp_path, served):
+    for folder, names in {"heaps": ("b10.jpg", "b2.jpg"), "clips": ("r01.jpg", "r02.jpg")}.items():
+        (tmp_path / folder).mkdir()
+        for number, name in enumerate(names):
+            content = (MEDIA / "pile/view1.jpg").read_bytes()
+            (tmp_path / folder / name).write_bytes(content + f"{folder}{number}".encode())  # copies are refused
+    listed = LAB.replace('["view1.jpg"]', '["heaps/", "clips/*.jpg"]')
+    (tmp_path / "lab.toml").write_text(f"""{listed}
+[experiments.files."./heaps/b2.jpg"]
+rejected = "a hand is in view"
+""")
+    with served(tmp_path / "clips/r02.jpg") as address:
+        assert address.endswith("#0/3/0")
+        ask = Caller(address.partition("#")[0])
+        (one,) = json.loads(ask("/api/lab")[1])["experiments"]
+        shown = [[view["name"] for view in views] for views in one["repetitions"]]
+        assert shown == [["./heaps/b2.jpg"], ["heaps/b10.jpg"], ["clips/r01.jpg"], ["clips/r02.jpg"]]
+        assert one["repetitions"][0][0]["rejected"] == "a hand is in view"
+        assert [ask(f"/frame/0/{repetition}/0/0")[0] for repetition in range(5)] == [200, 200, 200, 200, 404]

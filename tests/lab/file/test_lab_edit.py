@@ -4,6 +4,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lab_edit import LabEdit, with_key
@@ -158,6 +160,38 @@ def test_a_link_to_a_lab_stays_a_link(edit, tmp_path):
     edit.set(0, "region", "0,0,300,400")
     assert edit.path.is_symlink()
     assert 'region = "0,0,300,400"' in kept.read_text()
+
+
+LEFT_OUT = """exclude = [   # seen by eye
+    "3f..5f",  # a hand
+    "0.2 s..0.3 s",   # the lamp flickers
+    # at rest
+    "60f..80f",
+]  # that is all
+"""
+
+
+@pytest.mark.parametrize(
+    ("entries", "changed"),
+    [
+        (["3f..5f", "60f..80f"], ('    "0.2 s..0.3 s",   # the lamp flickers\n', "")),
+        (["0.2 s..0.3 s", "60f..80f"], ('    "3f..5f",  # a hand\n', "")),
+        (["3f..5f", "0.2 s..0.3 s"], ('    "60f..80f",\n', "")),
+        (["3f..5f", "0.2 s..0.3 s", "60f..80f", "90f..90f"], ('80f",\n', '80f",\n    "90f..90f",\n')),
+        (["3f..5f", "0.2 s..0.4 s", "60f..80f"], ("0.3 s", "0.4 s")),
+    ],
+)
+def test_one_entry_of_several_lines_is_changed_with_the_others_and_their_comments_as_they_are(entries, changed):
+    lab = LAB.replace("known_length =", f"{LEFT_OUT}known_length =")
+    assert set_in(lab, 0, "camera", "exclude", value=entries) == lab.replace(LEFT_OUT, LEFT_OUT.replace(*changed))
+
+
+@given(st.lists(st.sampled_from("abcd"), max_size=6), st.lists(st.sampled_from("abcde"), min_size=1, max_size=6))
+def test_any_entries_become_any_others(before, after):
+    lines = "".join(f'    "{each}", # {each}\n' for each in before)
+    lab = LAB.replace("known_length =", f"exclude = [\n{lines}]\nknown_length =")
+    found = tomllib.loads(set_in(lab, 0, "camera", "exclude", value=after))["experiments"][0]["camera"]
+    assert found == {"frame_rate": "240 Hz", "exclude": after, "known_length": "100 mm:0,0,500,0"}
 
 
 def test_a_file_has_the_camera_of_its_experiment_but_for_what_is_stated_of_it(edit):

@@ -112,3 +112,9 @@ def test_times_are_capture_times_if_every_nth_frame_is_stored_twice(tmp_path, ev
     assert [frame.index for frame in video.single([3, 17, 41])] == [3, 17, 41]
     assert video.frame_count == 80
     assert max(video.spread(20, quickly=True)) < 80
+    stored = [k + k // every for k in range(80)]
+    assert [video.in_file(k) for k in range(80)] == stored
+    assert [video.frame_of(k) for k in stored] == list(range(80))
+    assert video.frame_of(every) == every - 1
+    assert video.file_times[[*stored, every]] == pytest.approx(np.array([*range(80), every - 1]) / 60, abs=1e-6)
+    assert video.frame_of(len(video.file_times) + 3) == 83

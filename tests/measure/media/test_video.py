@@ -304,7 +304,23 @@ def test_excluded_parts_of_a_clip_are_left_out(tmp_path, parts, left):
     video = open_video(regular(tmp_path), Camera(exclude=tuple(map(span, parts))))
     assert [frame.index for frame in video.frames()] == left
     assert [frame.index for frame in video.single(range(12))] == left
-    assert any("beyond the last picture (11f)" in warning for warning in video.warnings) == (len(left) == 12)
+    assert any("beyond the last picture (11f" in warning for warning in video.warnings) == (len(left) == 12)
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ("0.01 s..0.02 s", "--exclude 0.01 s..0.02 s lies between two frames: it leaves nothing out."),
+        ("2.2f..2.8f", "--exclude 2.2f..2.8f lies between two frames: it leaves nothing out."),
+        ("11.5f..11.9f", "--exclude 11.5f..11.9f lies beyond the last picture (11f at "),
+        ("50 s..60 s", "--exclude 50 s..60 s lies beyond the last picture (11f at "),
+    ],
+)
+def test_an_excluded_part_without_a_frame_is_said_beside_others(tmp_path, part, said):
+    video = open_video(regular(tmp_path), Camera(exclude=(span("2f..3f"), span(part))))
+    (warning,) = (warning for warning in video.warnings if "--exclude" in warning)
+    assert warning.startswith(said)
+    assert video.excluded == {2, 3}
 
 
 def test_a_clip_of_which_too_little_is_left_is_refused(tmp_path):
