@@ -97,7 +97,7 @@ class Bounces:
 
     @property
     def growth(self) -> tuple[Array, Array]:
-        """Relative growth of the scale from contact 1 to contacts 2..N and the end, shape (count,), and its uncertainty.
+        """Relative growth of the scale from contact 1 to contacts 2..N and the end, shape (count,), with uncertainty.
 
         The accelerations of the flights show it.
         """

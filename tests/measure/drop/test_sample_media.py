@@ -20,4 +20,4 @@ def test_heights_and_restitution_of_a_sample_drop_are_right_within_their_uncerta
     for one, right in ((fall, true["heights_m"][0]), (bounce, true["restitution_from_heights"][0])):
         assert one.value == pytest.approx(right, abs=3 * one.std_uncertainty)
     assert bounce.value == pytest.approx(true["restitution_from_heights"][0], abs=0.001)
-    assert "line_of_sight" not in {check.name for check in found.checks}
+    assert "line_of_sight" not in {check.check for check in found.checks}
