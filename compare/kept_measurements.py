@@ -182,6 +182,7 @@ def _result(found: Measurement, out: Path) -> tuple[dict[str, Any], dict[str, An
         "warnings": list(found.warnings),
         "camera": dict(found.camera),
         "table": dict(found.table),
+        "frame_times": list(found.frame_times),
         "files": _pictures(found.files, out),
         "marks": [asdict(mark) for mark in found.marks],
     }
@@ -216,6 +217,7 @@ def _measurement(result: Mapping[str, Any], arrays: Mapping[str, Any], source: P
         table=result["table"],
         files={kind: out / one["path"] for kind, one in result["files"].items()},
         marks=tuple(_mark(one) for one in result["marks"]),
+        frame_times=tuple(result["frame_times"]),
         **records,
     )
 

@@ -22,6 +22,11 @@ from rigtwin.lab.progress import Progress, silent
 if TYPE_CHECKING:
     import pandas as pd
 
+PART = (
+    "measurements.csv and measurements.json hold the experiments named by --only; the others are kept and come back "
+    "with the next `rigtwin measure` of the whole lab"
+)
+
 
 @dataclass(frozen=True)
 class LabMeasurements:
@@ -31,6 +36,7 @@ class LabMeasurements:
     measured: tuple[Measured, ...]
     """By experiment, in the order of the lab file."""
     files: dict[str, Path] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -57,7 +63,7 @@ class LabMeasurements:
     @property
     def warnings(self) -> list[str]:
         """Repetitions that are rejected or could not be measured, and warnings of the others."""
-        found = []
+        found = list(self.remarks)
         for one in self.measured:
             name = one.experiment.id
             found += [f"{name}: {each}" for each in rejections(one.experiment)]
@@ -137,7 +143,8 @@ def measure_lab(
             remove_leftovers(out / place)
         with measuring(experiments, out, workers, again=again) as pending:
             found: Mapping[str, Measured] = pending.results(progress)
-        done = LabMeasurements(lab, tuple(found[one.id] for one in experiments))
+        remarks = () if len(experiments) == len(lab.experiments) else (PART,)
+        done = LabMeasurements(lab, tuple(found[one.id] for one in experiments), remarks=remarks)
         names = ("measurements.csv", "measurements.json")
         done.files.update({name: out / name for name in names})
         contents = {

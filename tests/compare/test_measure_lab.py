@@ -175,6 +175,7 @@ def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
         ),
         warnings=("it is dark",),
         camera={"frame_rate_hz": 240.0},
+        frame_times=(0.0, 1 / 3),
         table={"kind": "track"},
     )
     assert all(getattr(full, one.name) for one in fields(full)), "nothing is left empty"
@@ -258,7 +259,9 @@ def test_the_picture_that_a_kept_failure_names_is_there(lab, tmp_path, measured)
     (lab / "lab.toml").write_text(LAB.replace("bed.csv", "bed.png"))
 
     def failure():
-        (found,) = measure_lab(lab, out, only=["bed"]).measured
+        part = measure_lab(lab, out, only=["bed"])
+        assert any("the others are kept" in warning for warning in part.warnings)
+        (found,) = part.measured
         return found.failures[0]
 
     picture = out / "bed" / "bed-seen.png"
