@@ -88,7 +88,7 @@ def twin_of(
 def as_seen(experiment: Experiment, measurements: Sequence[Measurement], count: int | None) -> tuple[Experiment, str]:
     """The experiment with settings that its media show and lab.toml does not state, and what these are in words.
 
-    A `count` of particles that is asked for goes before what the media show of the filling.
+    A `count` that the user gives takes precedence over the number of particles that the media show.
     """
     entry = entry_of(experiment)
     if count is not None and entry.takes_count(experiment):

@@ -506,7 +506,7 @@ class _ExperimentEntry(_Entry):
         examples=[["r01.mp4", "r02.mp4"]],
         description=(
             "one clip, photo or table each; several photos of one bed or pile in brackets; a pattern "
-            '("clips/*.mp4") or folder ("clips/") stands for all that it holds'
+            '("clips/*.mp4") or a folder ("clips/") adds all files in it'
         ),
     )
     measured: dict[str, Any] = Field(
@@ -608,7 +608,7 @@ class PendulumEntry(_ExperimentEntry):
         default=None, description="of particle A from the vertical; measured when not stated"
     )
     hanger: Literal["string", "rod"] = Field(
-        default="string", examples=["rod"], description="what the particles hang on"
+        default="string", examples=["rod"], description="suspension of each particle: a string or a rigid rod"
     )
     rod_mass: Mass = Field(default=0.0, examples=["2 g"], description="of each rod")
 
