@@ -11,7 +11,7 @@ import typer
 
 from rigtwin.commands import simulate
 from rigtwin.commands.display import comparison_warnings, show_comparison, show_diagnosis
-from rigtwin.commands.options import Again, Cluster, Out, Outside, Runs, Seed, Stiffness, Threads, beside
+from rigtwin.commands.options import Again, Cluster, Only, Out, Outside, Runs, Seed, Stiffness, Threads, beside
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -20,9 +20,7 @@ from rigtwin.lab.units import MOST_PARTICLES
 def compare(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
     *,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="ID", help="Only this experiment; may be given again.")
-    ] = None,
+    only: Only = None,
     count: Annotated[
         int | None,
         typer.Option(

@@ -17,6 +17,7 @@ from rigtwin.commands.options import (
     Again,
     BeadDiameter,
     BeadMass,
+    Only,
     Out,
     Outside,
     TotalMass,
@@ -30,7 +31,7 @@ from rigtwin.commands.run_command import Work, finished, measured
 
 
 class RigOrLab(TyperGroup):
-    """A group in which the name of a lab folder, or of its lab.toml, stands for the command ``lab``."""
+    """A command group that also accepts a lab folder or a lab.toml in place of a rig, and measures the whole lab."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         known = self.get_command(ctx, args[0]) if args else None
@@ -279,9 +280,7 @@ def measure_hopper(
 def measure_lab(
     lab: Annotated[Path, typer.Argument(metavar="LAB", help="Lab folder with a lab.toml.")],
     *,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", metavar="ID", help="Only this experiment; may be given again.")
-    ] = None,
+    only: Only = None,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Clips measured at a time; one per core.")
     ] = None,

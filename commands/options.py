@@ -94,6 +94,9 @@ Out = Annotated[Path | None, out_option("Folder for results; LAB/out by default.
 Outside = Annotated[
     bool, typer.Option("--allow-outside", help="Let the lab name files outside its folder (absolute paths, links, ..).")
 ]
+Only = Annotated[
+    list[str] | None, typer.Option("--only", metavar="ID", help="Only this experiment; may be given again.")
+]
 Again = Annotated[bool, typer.Option("--again", help="Measure repetitions again whose measurements are kept in OUT.")]
 
 

@@ -21,6 +21,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_edit import LabEdit
 from rigtwin.lab.quantity import Measurement
@@ -160,7 +161,7 @@ class Review:
 
     async def media(self, request: Request) -> Response:
         """Size and capture times of a clip or photo."""
-        _, medium, camera, photo = await self._medium(request)
+        medium, camera, photo = await self._medium(request)
         info = await run_in_threadpool(self.pictures.info, medium, camera, photo=photo)
         return JSONResponse(
             {
@@ -174,7 +175,7 @@ class Review:
 
     async def frame(self, request: Request) -> Response:
         """A photo, or one frame of a clip."""
-        _, medium, camera, photo = await self._medium(request)
+        medium, camera, photo = await self._medium(request)
         index = request.path_params["index"]
         near = "near" in request.query_params
         shown, data = await run_in_threadpool(self.pictures.picture, medium, camera, index, photo=photo, near=near)
@@ -188,7 +189,8 @@ class Review:
         file = result_file(self.path.parent, request.path_params["name"])
         return FileResponse(file, headers={"content-security-policy": REPORT_POLICY})
 
-    async def _medium(self, request: Request) -> tuple[OpenLab, Path, Any, bool]:
+    async def _medium(self, request: Request) -> tuple[Path, Camera, bool]:
+        """The clip or photo that is asked for, its camera, and whether it is a photo."""
         lab = await run_in_threadpool(self.opened)
         number = request.path_params["experiment"]
         view = lab.views(number, request.path_params["repetition"])[request.path_params["view"]]
@@ -196,7 +198,7 @@ class Review:
         kind = kind_of(experiment, view)
         if kind not in ("photo", "clip"):
             raise BadInput(f"{view}: holds no pictures.")
-        return lab, view, experiment.camera_of(view), kind == "photo"
+        return view, experiment.camera_of(view), kind == "photo"
 
     def _answers(self, endpoint: Endpoint) -> Endpoint:
         """Errors in one sentence, as on the command line."""

@@ -114,7 +114,8 @@ class Clip:
         while (target := self._next()) is not None:
             try:
                 if not position <= target <= position + ONWARDS or position < 0:
-                    position, reader = target, self._video.source.pictures(target)
+                    position = target  # before the reader, whose fault is then that of this frame
+                    reader = self._video.source.pictures(target)
                 picture = next(reader, None)
                 if picture is None:
                     raise BadInput(f"the clip ends before frame {position}")

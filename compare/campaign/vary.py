@@ -234,7 +234,8 @@ def _particle(particle: Particle, name: str, value: float) -> Particle:
     factor = value if name == "scale" else value / particle.diameter
     density = particle.effective_density / factor**3 if name == "scale" else particle.density
     if particle.shape is None:
-        return replace(particle, diameter=particle.diameter * factor, density=density)
+        smallest = None if particle.smallest is None else particle.smallest * factor
+        return replace(particle, diameter=particle.diameter * factor, smallest=smallest, density=density)
     shape = replace(
         particle.shape,
         offsets=tuple((factor * x, factor * y, factor * z) for x, y, z in particle.shape.offsets),

@@ -175,6 +175,7 @@ def _volume(profile: Profile) -> tuple[float, float]:
 
 
 PILE_COUNT = 1000
+ROLLED_OFF = 2  # particles poured over those on a full base; more only fall off, and fewer may not fill it
 """Particles poured on a pile's twin where neither the lab file nor the command says how many."""
 
 
@@ -216,7 +217,7 @@ class PileEntry(ManyBodyEntry[PileSettings]):
         count = round(PACKING * fmean(volumes) / particle.volume)
         said = f"{count} particles, by the volume of the heap"
         if max(reach for _, reach in seen) > rig.base_diameter / 2 - 2 * particle.diameter:
-            count *= 2  # others have rolled off
+            count *= ROLLED_OFF
             said = f"{count} particles, twice the volume of a heap that reaches the edge of its base"
             if count < PILE_COUNT:  # more than enough to cover it
                 return experiment, ""

@@ -16,6 +16,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.size_distributions import uniform
 from rigtwin.sim.engine.time_step import positive
 
 if TYPE_CHECKING:
@@ -348,7 +349,7 @@ def _sizes(count: int, particle: Particle, random: np.random.Generator) -> Array
     """Random sizes of spheres over the largest; None where all are alike."""
     if particle.smallest is None:
         return None
-    return random.uniform(particle.smallest, particle.diameter, count) / particle.diameter
+    return uniform(particle.smallest, particle.diameter).draw(count, random) / particle.diameter
 
 
 def _too_many(count: int, particle: Particle, room: int, said: str = "count") -> BadInput:

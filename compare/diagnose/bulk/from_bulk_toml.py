@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rigtwin.compare.chosen import chosen
 from rigtwin.compare.diagnose.bulk.bulk_lab import BulkCondition, BulkLab, Record, Uncertain
 from rigtwin.compare.diagnose.data.from_lab_toml import not_diagnosed
 from rigtwin.compare.measure_repetitions import Measured, measuring
@@ -29,16 +30,16 @@ def bulk_lab_of(
 ) -> BulkLab | None:
     """The experiments with many particles of a lab.toml; None where those asked for, or the first, are of other rigs.
 
-    Raises `BadInput` where single bodies and many particles are asked for together.
+    Raises `BadInput` for a name that the lab does not have, and where single bodies and many particles are asked for
+    together.
     """
     lab = read_lab(path, allow_outside=allow_outside)
-    known = {one.id for one in lab.experiments}
-    chosen = [one for one in lab.experiments if (one.id in only if only else True)]
-    bulk = [one for one in chosen if entry_of(one).many_particles]
-    if not bulk or not set(only) <= known or (not only and not entry_of(chosen[0]).many_particles):
+    asked = chosen(lab, only)
+    bulk = [one for one in asked if entry_of(one).many_particles]
+    if not bulk or (not only and not entry_of(asked[0]).many_particles):
         return None
-    if only and len(bulk) < len(chosen):
-        other = next(one.id for one in chosen if one not in bulk)
+    if only and len(bulk) < len(asked):
+        other = next(one.id for one in asked if one not in bulk)
         raise BadInput(
             f"{lab.path}: {bulk[0].id} holds many particles and {other} a single body; diagnose them one after the "
             "other, with --only ID."

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rigtwin.compare.chosen import chosen
 from rigtwin.compare.diagnose.data.tilted_tracks import rolls, slides, tilted
 from rigtwin.compare.diagnose.data.tracked_lab import (
     Bead,
@@ -52,18 +53,18 @@ def tracked_lab(
     Raises `BadInput`.
     """
     lab = read_lab(path, allow_outside=allow_outside)
-    chosen = _chosen(lab, only)
-    rig, wall = _kind(chosen[0])
-    others = [one.id for one in chosen if _kind(one) != (rig, wall)]
+    experiments = _chosen(lab, only)
+    rig, wall = _kind(experiments[0])
+    others = [one.id for one in experiments if _kind(one) != (rig, wall)]
     if others:
         raise BadInput(
-            f"{lab.path}: {chosen[0].id} and {others[0]} are different rigs; a diagnosis treats one rig: name its "
+            f"{lab.path}: {experiments[0].id} and {others[0]} are different rigs; a diagnosis treats one rig: name its "
             "experiments with --only ID, repeated for each."
         )
-    need_repetitions(lab.path, sum(len(one.repetitions) for one in chosen))  # before measuring, which takes long
+    need_repetitions(lab.path, sum(len(one.repetitions) for one in experiments))  # before measuring, which takes long
     conditions, sigmas = [], []
-    for number, experiment in enumerate(chosen):
-        progress("tracks", number, len(chosen))
+    for number, experiment in enumerate(experiments):
+        progress("tracks", number, len(experiments))
         tracks, settings = _repetitions(lab, experiment, rig)
         tracks = [on_the_bench(rig, repetition) for repetition in tracks]
         sigmas += [track.sigma for repetition in tracks for track in repetition]
@@ -89,8 +90,8 @@ def tracked_lab(
         name: {"density_kg_m3": m.density, "youngs_modulus_Pa": m.youngs_modulus, "poissons_ratio": m.poisson_ratio}
         for name, m in lab.materials.items()
     }
-    odd = other_rates(conditions, [one.camera.frame_rate for one in chosen])
-    unasked = [] if only else not_diagnosed(lab, chosen)
+    odd = other_rates(conditions, [one.camera.frame_rate for one in experiments])
+    unasked = [] if only else not_diagnosed(lab, experiments)
     return TrackedLab(
         lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about}, (*odd, *unasked)
     )  # fmt: skip
@@ -107,19 +108,15 @@ def not_diagnosed(lab: Lab, chosen: Sequence[Experiment]) -> list[str]:
 
 
 def _chosen(lab: Lab, only: Sequence[str]) -> list[Experiment]:
-    known = [one.id for one in lab.experiments]
-    for name in only:
-        if name not in known:
-            raise BadInput(f"{lab.path}: there is no experiment {name!r}; known are {', '.join(known)}.")
-    chosen = [one for one in lab.experiments if (one.id in only if only else _kind(one)[0])]
-    if not chosen:
+    asked = [one for one in chosen(lab, only) if only or _kind(one)[0]]
+    if not asked:
         raise BadInput(f"{lab.path}: holds no drop, pendulum or tilt; a diagnosis of a lab.toml supports only these.")
-    for one in chosen:
+    for one in asked:
         if not _kind(one)[0]:
             raise BadInput(f"{lab.path}: {one.id}: a diagnosis of a {one.rig_name} needs a folder with a lab.json.")
-    filmed = [one for one in chosen if one.repetitions]
-    if not filmed or (only and len(filmed) < len(chosen)):
-        still = next(one for one in chosen if not one.repetitions)
+    filmed = [one for one in asked if one.repetitions]
+    if not filmed or (only and len(filmed) < len(asked)):
+        still = next(one for one in asked if not one.repetitions)
         raise BadInput(
             f"{lab.path}: {still.id} states results only, under [experiments.measured]; a diagnosis needs repetitions, "
             "films or tracked data of the motion."

@@ -79,6 +79,14 @@ def test_a_scaled_particle_keeps_its_mass_and_its_shape():
         assert after.moments == pytest.approx([1.21 * one for one in before.moments])
 
 
+def test_another_diameter_keeps_the_ratio_of_the_smallest_particle_to_the_largest(bed):
+    mixed = replace(bed.experiment.particle, smallest=0.7 * bed.experiment.particle.diameter)
+    setting = bed._replace(experiment=replace(bed.experiment, particle=mixed))
+    for point in ({"diameter": 0.5 * mixed.diameter}, {"scale": 1.2}):
+        after = at(setting, point).experiment.particle
+        assert after.smallest == pytest.approx(0.7 * after.diameter)
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
