@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-verdicts bench-review faults fuzz clean
+.PHONY: demo docs test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-verdicts bench-review faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -8,6 +8,11 @@ READY := .venv/.ready
 
 demo: $(READY)
 	$(BIN)/rigtwin demo --out out/demo
+
+# the documentation as pages in out/site: notebooks are run, links checked
+docs: $(READY)
+	UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --frozen --inexact --quiet --group docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 test: $(READY)
 	$(BIN)/pytest -q -n 2 --dist loadscope -m "not slow"

@@ -149,7 +149,7 @@ def simulate(rig: RigName, *, progress: Progress | None = None, **settings: Sett
 
 
 def open_lab(folder: str | Path, *, allow_outside: bool = False) -> OpenLab:
-    """Read a lab folder and its ``lab.toml``.
+    """Read a lab folder and its ``lab.toml``, or open one with a ``lab.json`` of tracked repetitions.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def open_lab(folder: str | Path, *, allow_outside: bool = False) -> OpenLab:
     Returns
     -------
     OpenLab
-        The lab, with `OpenLab.compare` and `OpenLab.diagnose`.
+        The lab, with `OpenLab.compare` and `OpenLab.diagnose`; of a ``lab.json`` the latter alone.
 
     Raises
     ------
@@ -195,12 +195,13 @@ class OpenLab:
 
         self.folder = folder
         self.allow_outside = allow_outside
-        self.lab: Lab = read_lab(folder, allow_outside=allow_outside)
+        tracked = (folder / "lab.json").is_file() and not (folder / "lab.toml").is_file()
+        self.lab: Lab | None = None if tracked else read_lab(folder, allow_outside=allow_outside)
 
     @property
     def experiments(self) -> tuple[Any, ...]:
-        """The experiments of the lab file, in its order."""
-        return tuple(self.lab.experiments)
+        """The experiments of lab.toml, in its order; none of a lab.json."""
+        return tuple(self.lab.experiments) if self.lab else ()
 
     def compare(
         self,

@@ -1,10 +1,12 @@
 """The Python API: the same answers as the commands, tables, figures, and refusals in the API's own words."""
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rigtwin
@@ -109,6 +111,35 @@ def test_a_lab_is_compared_with_the_options_of_the_command(tmp_path):
     first = rows[(rows["quantity"] == "restitution_wall") & (rows["bounce"] == 1)]
     assert set(rows["experiment"]) == {"drop-D6-steel"}
     assert list(first["simulated"]) == pytest.approx([0.7] * len(first), abs=0.01)
+
+
+def test_tracked_repetitions_of_a_lab_json_are_diagnosed(tmp_path):
+    """Five ideal drops: nothing is missing in the model of them."""
+    rng = np.random.default_rng(3)
+    time = np.arange(0, 0.5, 1 / 240)
+    fall = math.sqrt(2 * 0.3 / 9.81)  # [s], from 0.3 m
+    after = time - fall
+    height = np.where(
+        after < 0, 0.3 - 9.81 / 2 * time**2, np.maximum(0.6 * 9.81 * fall * after - 9.81 / 2 * after**2, 0)
+    )
+    for number in range(1, 6):
+        x, y = 1e-4 * rng.standard_normal((2, len(time)))
+        rows = np.column_stack([time, x, y + height + 3e-3])[height > 0]
+        np.savetxt(tmp_path / f"rep{number:02d}.csv", rows, delimiter=",", header="time_s,x_m,y_m", comments="")
+    condition = {"name": "c", "bead": "b", "wall": "w", "drop_height_m": 0.3, "repetitions": 5, "files": "rep%02d.csv"}
+    stated = {
+        "title": "t",
+        "rig": "drop",
+        "camera": {"frame_rate_hz": 240},
+        "particles": {"b": {"diameter_m": 6e-3, "mass_g": 0.8}},
+        "conditions": [condition],
+    }
+    (tmp_path / "lab.json").write_text(json.dumps(stated), encoding="utf-8")
+    lab = rigtwin.open_lab(tmp_path)
+    assert lab.experiments == ()
+    assert lab.diagnose(out=tmp_path / "out").verdict == "none"
+    with pytest.raises(BadInput, match=r"lab\.toml: no such file"):
+        lab.compare()
 
 
 def test_a_particle_is_taken_from_a_lab_that_is_named_as_text():
