@@ -1,6 +1,8 @@
 """Write docs/verification.md from the figures of `make verify`.
 
     python benchmarks/engine/verification_page.py [out/verify.json]
+
+One row for each figure, those included of which nothing is wanted.
 """
 
 from __future__ import annotations
@@ -17,11 +19,11 @@ HEAD = """# Verification of the engine
 
 The DEM engine against closed forms, published single-contact benchmarks (tests 1 to 8 are those of Chung and Ooi 2011,
 doi 10.1007/s10035-011-0277-0), separately integrated contacts, and LIGGGHTS. Written by
-`benchmarks/engine/verification_page.py` from `make verify`, on {processor} with Python {python}; {passed} of {judged} wanted
-figures were reached. Deviations are relative to the reference, or absolute where that is zero.
+`benchmarks/engine/verification_page.py` from `make verify`, on {processor} with Python {python}; {passed} of {judged}
+wanted figures were reached. Deviations are relative to the reference, or absolute where that is zero.
 
-Other evidence: [published tables](reproduction.md) of a paper beside the twins, [decks](other_codes.md) that LIGGGHTS, LAMMPS and
-Yade ran, the [diagnosis](diagnosis.md) on public data.
+Other evidence: [published tables](reproduction.md) of a paper beside the twins, [decks](other_codes.md) that LIGGGHTS,
+LAMMPS and Yade ran, the [diagnosis](diagnosis.md) on public data.
 
 | figure | ours | reference | deviation | wanted | reached | reference is |
 |---|---|---|---|---|---|---|
