@@ -52,6 +52,7 @@ class _Published(NamedTuple):
 
 
 _SLIDE = _Published((_Cells(8, "mu_s_pw", "mu_s_pw_std"), _Cells(9, "mu_s_pp", "mu_s_pp_std")))
+_ROLL = _Published((_Cells(10, "mu_r_pw", "mu_r_pw_std"),))
 _WALL = _Published((_Cells(11, "e_pw", "e_pw_std"),))
 _PAIR = _Published((_Cells(12, "e_pp", "e_pp_std", alike=True),))
 _BED = _Published((_Cells(7, "bed_height_exp_mm", "bed_height_exp_std_mm"),))
@@ -73,9 +74,9 @@ _OF_RIG: dict[str, dict[str, _Published]] = {
     "tilt": {
         "static_friction": _SLIDE,
         "kinetic_friction": _SLIDE,
-        "static_friction_angle": _Published((_Cells(8, "tilt_angle_deg", "tilt_angle_std_deg"),)),
-        "rolling_friction": _Published((_Cells(10, "mu_r_pw", "mu_r_pw_std"),)),
-        "rolling_friction_angle": _Published((_Cells(10, "tilt_angle_deg", "tilt_angle_std_deg"),)),
+        "static_friction_angle": _SLIDE,  # an angle scatters like its tangent, so that both have one verdict
+        "rolling_friction": _ROLL,
+        "rolling_friction_angle": _ROLL,
     },
     "packing": {"bed_height": _BED, "bulk_density": _BED},
     "pile": {
