@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from rigtwin.benchmarks.diagnose.independent_labs import Case, write
 from rigtwin.compare.diagnose.data.axis_checks import check_axes, check_heights
 from rigtwin.compare.diagnose.data.exclusions import sifted
 from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
@@ -475,6 +476,14 @@ def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
     lab = write_drops(tmp_path / "lab", 18, repetitions=3, drag=0.5, clock=-0.006)
     document = verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error").to_json()
     assert {one["effect"] for one in document["effects"]} == {"air_drag", "frame_rate_error"}
+
+
+@pytest.mark.slow
+def test_a_shaken_plate_is_not_taken_for_an_error_of_the_picture(tmp_path):
+    """All slides pass the same places at about the same times: a lens would close a third of the gap."""
+    write(Case("unlisted", "slide", ("shaken arm",), ("sine",), "moderate"), "shaken", (61, 152), tmp_path)
+    found = diagnose(read_tracked_lab(tmp_path / "labs" / "shaken"), listed=[named("lens_distortion")])
+    assert found.verdict == "unlisted"
 
 
 def test_a_yield_speed_is_found_from_the_wrong_side_of_zero(tmp_path):
