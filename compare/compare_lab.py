@@ -4,7 +4,8 @@
 
     lab.toml ── measure all repetitions ──┐
         └────── run each rig's twin ──────┴── deviations ── observations.csv, deviations.csv/.json,
-                                                            report.html, provenance.json
+                                                            report.html, figures/, methods.md,
+                                                            references.bib, provenance.json
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from rigtwin.compare.report.drawn import Drawn
     from rigtwin.sim.engine.contact import Rolling
 
 
@@ -82,7 +84,8 @@ def compare(
     lab_folder : Path
         Folder with a lab.toml.
     out : Path
-        Folder for observations.csv, deviations.csv, deviations.json, report.html, provenance.json and pictures.
+        Folder for observations.csv, deviations.csv, deviations.json, report.html, methods.md, references.bib,
+        provenance.json, figures and pictures.
     progress : Progress
         Called with step, number and count.
     only : sequence of str, optional
@@ -338,8 +341,8 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
     return rows
 
 
-def provenance(comparison: Comparison) -> dict[str, Any]:
-    """Content of provenance.json: versions, inputs with checksums, model, twins and cameras."""
+def provenance(comparison: Comparison, figures: Sequence[Drawn] = ()) -> dict[str, Any]:
+    """Content of provenance.json: versions, inputs with checksums, model, twins, cameras and figures."""
     lab = comparison.lab
     media = [view for outcome in comparison.outcomes for views in outcome.experiment.repetitions for view in views]
     return {
@@ -362,23 +365,36 @@ def provenance(comparison: Comparison) -> dict[str, Any]:
         "cameras": {
             outcome.experiment.id: [item.camera for item in outcome.measurements] for outcome in comparison.outcomes
         },
+        "figures": [{"caption": one.caption, "files": list(one.files.values())} for one in figures],
     }
 
 
 def _written(comparison: Comparison, out: Path, clock: float, progress: Progress) -> Comparison:
-    from rigtwin.compare.report.page import report
+    from rigtwin.compare.report.drawn import figure_files
+    from rigtwin.compare.report.methods import methods
+    from rigtwin.compare.report.page import drawn_figures, report
 
     progress("writing the report", 0, 1)
     comparison.seconds["total before the report"] = time.perf_counter() - clock
-    record = result_files.plain(provenance(comparison))
-    names = ("observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json")
-    comparison.files.update({name: out / name for name in names})
+    drawn = drawn_figures(comparison)
+    figures = [one for ones in drawn.values() for one in ones]
+    record = result_files.plain(provenance(comparison, figures))
+    text = methods(comparison, record["versions"])
+    drawings = figure_files("report", figures)
+    names = (
+        "observations.csv", "deviations.csv", "deviations.json", "report.html", "provenance.json", "methods.md",
+        "references.bib",
+    )  # fmt: skip
+    comparison.files.update({name: out / name for name in (*names, result_files.FIGURES)})
     contents = {
         "observations.csv": result_files.table(observations(comparison), result_files.OBSERVATION_COLUMNS),
         "deviations.csv": result_files.deviations_csv(comparison.deviations),
         "deviations.json": result_files.document(comparison.to_json()),
-        "report.html": report(comparison, record, out),
+        "report.html": report(comparison, record, out, drawn, text),
         "provenance.json": result_files.document(record),
+        "methods.md": text.markdown,
+        "references.bib": text.bibtex,
+        **drawings,
     }
     result_files.write_together(out, contents)
     progress("writing the report", 1, 1)

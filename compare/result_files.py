@@ -9,17 +9,18 @@ import json
 import math
 import os
 import platform
+import re
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
 from rigtwin.lab.errors import Claimed
-from rigtwin.lab.output_files import claimed_folder, replacing
+from rigtwin.lab.output_files import claimed_folder, remove_leftovers, replacing
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.version import __version__
 
@@ -27,6 +28,8 @@ OBSERVATION_COLUMNS = (
     "experiment", "rig", "origin", "repetition", "quantity", "method", *IDENTITY, "view",
     "value", "std_uncertainty", "unit", "doubtful",
 )  # fmt: skip
+
+FIGURES = "figures"  # folder of the figures of all pages in a folder of results
 
 PATIENCE = 10.0  # [s], far above what writing the tables and figures of a campaign takes
 POLL = 0.05  # [s], between two attempts
@@ -37,20 +40,41 @@ LIBRARIES = (
 )  # fmt: skip
 
 
-def write_together(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
-    """Write text files by name into `folder`; a failure while writing leaves all old files unchanged."""
+def write_together(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, Path]:
+    """Write files by name into `folder`; a failure while writing leaves all old files unchanged.
+
+    Figures that an earlier run of the same command wrote, and this one does not, are removed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    stale = [name for name in _figures_before(folder, contents) if name not in contents]
     for name in contents:
         if (folder / name).is_dir():  # otherwise this would fail only halfway through the renaming
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / name))
     with ExitStack() as together:  # renames when all are written
         for name, text in contents.items():
             part = together.enter_context(replacing(folder / name))
-            part.write_text(text, encoding="utf-8", newline="")
+            if isinstance(text, bytes):
+                part.write_bytes(text)
+            else:
+                part.write_text(text, encoding="utf-8", newline="")
+    for name in stale:
+        with suppress(OSError):
+            (folder / name).unlink()
     return {name: folder / name for name in contents}
 
 
-def write_in_turn(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
+def _figures_before(folder: Path, contents: Mapping[str, str | bytes]) -> Iterator[str]:
+    """Files of the figures that stand in the lists of figures which are written anew."""
+    for listed in contents:
+        if not re.fullmatch(rf"{FIGURES}/[\w-]+-captions\.csv", listed):
+            continue
+        with suppress(OSError, ValueError, KeyError), (folder / listed).open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                if re.fullmatch(r"[\w-][\w.-]*", row["figure"]):
+                    yield from (f"{FIGURES}/{row['figure']}.{ending}" for ending in ("svg", "png", "csv"))
+
+
+def write_in_turn(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, Path]:
     """`write_together` while no other run writes there; temporary files of killed runs are removed.
 
     Raises `Claimed` if another run writes for longer than `PATIENCE`.
@@ -66,11 +90,14 @@ def write_in_turn(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
             time.sleep(POLL)
 
 
-def claimed(out: Path) -> AbstractContextManager[None]:
-    """Keep the folder of results for one run."""
-    return claimed_folder(
+@contextmanager
+def claimed(out: Path) -> Iterator[None]:
+    """Keep the folder of results for one run; temporary files of killed runs are removed."""
+    with claimed_folder(
         out, f"{out}: another run of rigtwin is writing into it; wait for that one, or give --out another folder."
-    )
+    ):
+        remove_leftovers(out / FIGURES)
+        yield
 
 
 def observation(experiment: str, rig: str, origin: str, repetition: str, quantity: Quantity) -> dict[str, Any]:

@@ -43,6 +43,20 @@ class Tumble:
     lowest: float  # [m], from the centre of mass down to the lowest point as it falls
 
 
+def numerics(particle: Particle, effects: Effects) -> dict[str, str]:
+    """Numerical settings of `run` and the effects that act, in words, for the result."""
+    from rigtwin.sim.engine.contact import Mechanics
+    from rigtwin.sim.engine.effect_terms import acting_among, named_in
+
+    return {
+        "contact_law": Mechanics.contact,
+        "stiffness_factor": "1 (the real Young's moduli)",
+        "time_step": f"{100 * STEP:g}% of Rayleigh's, at most",
+        "rolling_resistance": f"{Mechanics.rolling}, torque limit mu_r Fn R",
+        **named_in(acting_among(effects, particle)[0]),
+    }
+
+
 def run(
     rig: Drop,
     particle: Particle,

@@ -23,6 +23,7 @@ from rigtwin.sim.run.frame_times import MOST_FRAMES, frame_times
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
 
 if TYPE_CHECKING:
+    from rigtwin.sim.engine.effect_terms import Active
     from rigtwin.sim.engine.few.few_body import Case, Motion
 
 
@@ -248,10 +249,30 @@ def _seen(trial: Trial, frames: _Frames, motion: Motion | None) -> Array:
 
 def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]:
     """Warnings about effects of a model that `run` does not simulate."""
+    return _acting(rig, particle, effects)[1]
+
+
+def _acting(rig: Tilt, particle: Particle, effects: Effects) -> tuple[tuple[Active, ...], tuple[str, ...]]:
+    """Effects that act, and warnings about the others."""
     from rigtwin.sim.engine.effect_terms import acting_among, acting_on_few
 
     rolls = rig.variant == "roll" and particle.shape is not None
-    return (acting_among(effects, particle) if rolls else acting_on_few(effects))[1]
+    return acting_among(effects, particle) if rolls else acting_on_few(effects)
+
+
+def numerics(rig: Tilt, particle: Particle, effects: Effects) -> dict[str, str]:
+    """Numerical settings of `run` and the effects that act, in words, for the result."""
+    from rigtwin.sim.engine.effect_terms import named_in
+    from rigtwin.sim.engine.few.few_body import Case
+
+    rolls = {"rolling_resistance": f"{Trial.rolling}, torque limit mu_r Fn R"} if rig.variant == "roll" else {}
+    return {
+        "contact_law": Case.contact_law,
+        "stiffness_factor": f"{Trial.stiffness_factor:g} of the real Young's moduli of body and plate",
+        "time_step": f"{100 * STEP:g}% of Rayleigh's, at most",
+        **rolls,
+        **named_in(_acting(rig, particle, effects)[0]),
+    }
 
 
 def body_in_words(rig: Tilt, particle: Particle) -> str:

@@ -263,7 +263,7 @@ def main() -> int:
     for study in reproduction.studies:
         if study.points(reproduction.done.results):  # else the picture that is there stays
             picture = docs / "pictures" / f"study-{study.name}-{study.rolling.replace(' ', '-')}.svg"
-            picture.write_text(study_figure(study, reproduction.points(study)), encoding="utf-8")
+            picture.write_text(study_figure(study, reproduction.points(study)).svg, encoding="utf-8")
     print(summary(reproduction))  # noqa: T201
     if not SMOKE:
         return 0

@@ -33,6 +33,7 @@ from rigtwin.compare.campaign.vary import (
 )
 from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import Measured, measuring
+from rigtwin.compare.report.drawn import figure_files
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.twins.matched import as_seen
 from rigtwin.compare.twins.registry import entry_of
@@ -213,6 +214,7 @@ def calibrate_lab(
     calibration = replace(calibration, remarks=(*left_out, *calibration.remarks))
     drawn = figures(calibration)
     page = filled("calibration.html", found=calibration, figures=drawn, title=title)
+    drawings = figure_files("calibration", drawn.values())
     contents = {
         "posterior.csv": result_files.table(
             [dict(zip((one.name for one in parameters), row, strict=True)) for row in calibration.samples.tolist()],
@@ -220,11 +222,10 @@ def calibrate_lab(
         ),
         "model.toml": model_text(calibration.model),
         "calibration.html": page,
-        **drawn,
     }
-    calibration.files.update({name: out / name for name in (*contents, "calibration.json")})
+    calibration.files.update({name: out / name for name in (*contents, "calibration.json", result_files.FIGURES)})
     document = result_files.document(calibration.to_json())
-    result_files.write_in_turn(out, {**contents, "calibration.json": document})
+    result_files.write_in_turn(out, {**contents, "calibration.json": document, **drawings})
     return calibration
 
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, svg
+from rigtwin.compare.report.drawn import Drawn, drawn
+from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas
 from rigtwin.lab.formatting import title
 
 if TYPE_CHECKING:
@@ -16,16 +17,12 @@ MOST_SAMPLES = 600  # drawn of the posterior
 DARK = 0.5  # share from which text on a field is white
 
 
-def figures(found: Calibration) -> dict[str, str]:
-    """SVG files by name: ``screening.svg``, ``posterior.svg``, ``predictions.svg``."""
-    return {
-        "screening.svg": _screening(found),
-        "posterior.svg": _posterior(found),
-        "predictions.svg": _predictions(found),
-    }
+def figures(found: Calibration) -> dict[str, Drawn]:
+    """Figures by name: ``screening``, ``posterior``, ``predictions``."""
+    return {"screening": _screening(found), "posterior": _posterior(found), "predictions": _predictions(found)}
 
 
-def _screening(found: Calibration) -> str:
+def _screening(found: Calibration) -> Drawn:
     """A field for each quantity and parameter: the share of the quantity's variance that the parameter causes alone."""
     label = "Share of the variance of each quantity that a parameter causes alone"
     shares = found.sensitivities
@@ -39,12 +36,19 @@ def _screening(found: Calibration) -> str:
         axes.set_xticks(range(len(found.parameters)), [one.name.replace("_", " ") for one in found.parameters])
         axes.set_yticks(range(len(rows)), rows, fontsize=7)
         figure.colorbar(picture, label="share of the variance")
-        return svg(figure, label)
+        table = [
+            {
+                "experiment": target.experiment, "quantity": target.quantity, "method": target.method,
+                **dict(zip((one.name for one in found.parameters), row.tolist(), strict=True)),
+            }
+            for target, row in zip(found.targets, shares, strict=True)
+        ]  # fmt: skip
+        return drawn(figure, "calibration-screening", label, table)
 
 
-def _posterior(found: Calibration) -> str:
+def _posterior(found: Calibration) -> Drawn:
     """Each parameter's density on the diagonal, each pair's samples below it."""
-    number = len(found.parameters)
+    number, names = len(found.parameters), [one.name for one in found.parameters]
     step = max(1, len(found.samples) // MOST_SAMPLES)
     with canvas(1.8 * number + 0.6) as (figure, _):
         figure.clear()
@@ -70,10 +74,19 @@ def _posterior(found: Calibration) -> str:
                 panel.set_xlabel(across.name.replace("_", " "))
             if j == 0 and i > 0:
                 panel.set_ylabel(down.name.replace("_", " "))
-        return svg(figure, "Posterior of the parameters over their ranges")
+        table = [dict(zip(names, row, strict=True)) for row in found.samples[::step].tolist()]
+        return drawn(
+            figure,
+            "calibration-posterior",
+            "Posterior of the parameters over their ranges",
+            table,
+            names,
+            "Posterior of the parameters (SI) over their ranges: densities on the diagonal, samples below it, a cross "
+            "at the best set.",
+        )
 
 
-def _predictions(found: Calibration) -> str:
+def _predictions(found: Calibration) -> Drawn:
     """Deviation of the best set from each measurement, in standard deviations."""
     rows: list[dict[str, Any]] = [row for row in found.predictions if row["z"] is not None]
     label = "Predicted minus measured, in standard deviations"
@@ -87,4 +100,6 @@ def _predictions(found: Calibration) -> str:
         axes.set_yticks(range(len(rows)), names, fontsize=7)
         axes.invert_yaxis()
         axes.set_xlabel(label.lower())
-        return svg(figure, label)
+        columns = ("experiment", "quantity", "method", "unit", "measured", "predicted", "z", "held_out")
+        caption = f"{label}; the band is two standard deviations wide on each side, open circles are held out."
+        return drawn(figure, "calibration-predictions", label, rows, columns, caption)

@@ -29,6 +29,7 @@ from rigtwin.compare.campaign.vary import (
 )
 from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
 from rigtwin.compare.measure_repetitions import measuring
+from rigtwin.compare.report.drawn import figure_files
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
@@ -256,11 +257,11 @@ def sweep(
         for row in _rows(setting.experiment, measured, mine, done)
     ]
     found = Sweep(setting, varied, where, tuple(rows), done.failures, len(runs))
-    drawn = figures(varied, rows, grid=design == "grid")
+    drawings = figure_files("sweep", figures(varied, rows, grid=design == "grid").values())
     columns = (*(one.name for one in varied), *SIMULATED)
-    written = {"sweep.csv": result_files.table(rows, columns), **drawn}
-    found.files.update({name: out / name for name in (*written, "sweep.json")})
-    result_files.write_in_turn(out, {**written, "sweep.json": result_files.document(found.to_json())})
+    found.files.update({name: out / name for name in ("sweep.csv", "sweep.json", result_files.FIGURES)})
+    table, document = result_files.table(rows, columns), result_files.document(found.to_json())
+    result_files.write_in_turn(out, {"sweep.csv": table, "sweep.json": document, **drawings})
     return found
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, svg
+from rigtwin.compare.report.drawn import Drawn, column, different, drawn, slug
+from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas
 from rigtwin.lab.formatting import shown, siblings, title
 
 if TYPE_CHECKING:
@@ -17,11 +18,12 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, Any]
 
+DRAWN = ("simulated", "simulated_std", "measured", "measured_std_uncertainty")
 DARK = 0.55  # [1], relative brightness of a colour below which text on it is white
 
 
-def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dict[str, str]:
-    """SVG files by name, one for each quantity, method, and bounce, collision, body or side.
+def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dict[str, Drawn]:
+    """Figures by name, one for each quantity, method, and bounce, collision, body or side.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dic
 
     Returns
     -------
-    dict of str to str
+    dict of str to Drawn
         With one parameter a line; with two in a grid a heat map, on which a line marks where simulated and measured are
         equal and dashed lines two standard uncertainties around it; else points over each parameter.
     """
@@ -44,12 +46,12 @@ def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dic
             head = (row["quantity"], row["method"], siblings(row), row["unit"])
             groups.setdefault(head, []).append(row)
     draw = _map if len(varied) == 2 and grid else _lines
-    drawn = {}
+    found = {}
     for name, (head, mine) in zip(_names(list(groups)), groups.items(), strict=True):
         quantity, method, which, unit = head
         label = ", ".join(words for words in (title(quantity), method, which) if words)
-        drawn[f"sweep-{name}.svg"] = draw(varied, mine, label, unit)
-    return drawn
+        found[f"sweep-{name}"] = draw(varied, mine, f"sweep-{name}", label, unit)
+    return found
 
 
 def _names(heads: Sequence[Sequence[str]]) -> list[str]:
@@ -58,14 +60,14 @@ def _names(heads: Sequence[Sequence[str]]) -> list[str]:
     for parts in (3, 4):
         often = Counter(names)
         names = [_slug(head[:parts]) if often[name] > 1 else name for head, name in zip(heads, names, strict=True)]
-    return [f"{name}-{names[:k].count(name) + 1}" if name in names[:k] else name for k, name in enumerate(names)]
+    return list(different(names))
 
 
 def _slug(words: Sequence[str]) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", "-".join(words).lower()).strip("-")
+    return slug(re.sub(r"[^a-z0-9]+", "-", "-".join(words).lower()))
 
 
-def _lines(varied: Sequence[Varied], rows: Sequence[Row], label: str, unit: str) -> str:
+def _lines(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str, unit: str) -> Drawn:
     factor, sign = shown(unit)
     with canvas() as (figure, _):
         figure.clear()
@@ -82,7 +84,25 @@ def _lines(varied: Sequence[Varied], rows: Sequence[Row], label: str, unit: str)
             panel.set(xlabel=_axis(parameter))
         panels[0].set(ylabel=_with_unit(label, sign))
         panels[0].legend(loc="best")
-        return svg(figure, label)
+        return drawn(figure, name, label, *_numbers(varied, rows, unit))
+
+
+def _numbers(varied: Sequence[Varied], rows: Sequence[Row], unit: str) -> tuple[list[dict[str, Any]], list[str]]:
+    """The numbers of a figure as they are drawn, and their columns."""
+    factor, sign = shown(unit)
+    columns = [column(_axis(one)) for one in varied]
+    values = [column(_with_unit(name.replace("_", " "), sign)) for name in DRAWN]
+    table = [
+        {
+            **{head: shown(one.unit)[0] * row[one.name] for head, one in zip(columns, varied, strict=True)},
+            **{
+                head: None if row.get(name) is None else factor * row[name]
+                for head, name in zip(values, DRAWN, strict=True)
+            },
+        }
+        for row in rows
+    ]
+    return table, [*columns, *values]
 
 
 def _band(axes: Any, rows: Sequence[Row], factor: float) -> None:
@@ -100,7 +120,7 @@ def _measured(rows: Sequence[Row]) -> tuple[float | None, float]:
     return (known[0]["measured"], known[0]["measured_std_uncertainty"] or 0.0) if known else (None, 0.0)
 
 
-def _map(varied: Sequence[Varied], rows: Sequence[Row], label: str, unit: str) -> str:
+def _map(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str, unit: str) -> Drawn:
     """A heat map of the simulated values; the first parameter runs downwards, as in tables 4 to 6 of the paper."""
     down, across = varied
     factor, sign = shown(unit)
@@ -126,7 +146,7 @@ def _map(varied: Sequence[Varied], rows: Sequence[Row], label: str, unit: str) -
         axes.set_xticks(range(len(across.grid)), _ticks(across))
         axes.set_yticks(range(len(down.grid)), _ticks(down))
         figure.colorbar(picture, label=_with_unit(label, sign))
-        return svg(figure, label)
+        return drawn(figure, name, label, *_numbers(varied, rows, unit))
 
 
 def _axis(parameter: Varied) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rigtwin.compare import result_files
 from rigtwin.compare.diagnose.bulk.bulk_lab import BulkLab
-from rigtwin.compare.diagnose.bulk.bulk_page import bulk_page
+from rigtwin.compare.diagnose.bulk.bulk_page import bulk_figure, bulk_page
 from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, diagnose_bulk, not_in_the_model
 from rigtwin.compare.diagnose.bulk.from_bulk_toml import bulk_lab_of
 from rigtwin.compare.diagnose.bulk.read_bulk_json import is_bulk, read_bulk_lab
@@ -18,6 +18,7 @@ from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose
 from rigtwin.compare.diagnose.figures import figures
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.page import page
+from rigtwin.compare.report.drawn import figure_files
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import Model, model_text
 from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, pair
@@ -100,8 +101,7 @@ def diagnose_folder(
             "diagnosis.json": result_files.document(diagnosis.to_json()),
             "diagnosis.html": page(diagnosis, drawn),
             "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
-            **{f"diagnosis-{name}.svg": one.svg for name, one in drawn.items()},
-            **{f"diagnosis-{name}.csv": one.csv for name, one in drawn.items() if one.csv},
+            **figure_files("diagnosis", drawn.values()),
         }
         return diagnosis, result_files.write_together(out, contents)
 
@@ -121,11 +121,13 @@ def _diagnose_bulk(
 ) -> tuple[BulkDiagnosis, dict[str, Path]]:
     with result_files.claimed(out):
         found = diagnose_bulk(lab, store, progress, seed=seed, workers=workers, cluster=cluster)
+        drawn = bulk_figure(found)
         remarks = [f"left out: {reason}" for reason in not_in_the_model(found)]
         contents = {
             "diagnosis.json": result_files.document(found.to_json()),
-            "diagnosis.html": bulk_page(found),
+            "diagnosis.html": bulk_page(found, drawn),
             "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(found.model),
+            **figure_files("diagnosis", [drawn]),
         }
         return found, result_files.write_together(out, contents)
 

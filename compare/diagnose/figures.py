@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,12 +17,11 @@ from rigtwin.compare.diagnose.models.pendulum import PendulumBench
 from rigtwin.compare.diagnose.models.rows import coefficients
 from rigtwin.compare.diagnose.models.slide import SlideBench
 from rigtwin.compare.diagnose.selection.gap import names
-from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, svg, thin
-from rigtwin.compare.result_files import table
+from rigtwin.compare.report.drawn import Drawn, drawn
+from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, thin
 from rigtwin.lab.arrays import Array
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+_Table = tuple[list[dict[str, Any]], tuple[str, ...]]
 
 BEFORE, NOISE = "#4d4d4d", "#9aa5b0"
 """Greys of the twin before and of the noise band, dark and light beside the blue and the orange of `plot_style`."""
@@ -35,16 +34,6 @@ SLICES = 40  # time bins of the overview
 MOST_PAIRS = 4  # panels of restitution
 NEAR_TURN = 0.9  # share of the amplitude above which rows belong to a turning point
 SETTLED = 60  # steps of the fixed-point iteration for the impact speed, which converges within ten
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """One figure."""
-
-    svg: str
-    caption: str
-    csv: str = ""
-    """The numbers of the figure, empty for an overview."""
 
 
 def figures(diagnosis: Diagnosis) -> dict[str, Drawn]:
@@ -137,8 +126,8 @@ def _residual(diagnosis: Diagnosis) -> tuple[Drawn, bool]:
         apart.set(xlabel=f"time since the {_event(bench)} [s]", ylabel=f"{axis} less twin before [mm]")
         apart.set_title(f"difference from the twin before: mean of {_repetitions(view)}", fontsize=9, loc="left")
         figure.legend(*apart.get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
-        drawing = svg(figure, label)
-    return Drawn(drawing, _residual_caption(diagnosis, bench, view, mean), _residual_csv(mean)), excess[worst] > SEEN
+        caption = _residual_caption(diagnosis, bench, view, mean)
+        return drawn(figure, "diagnosis-residual", label, *_residual_rows(mean), caption), excess[worst] > SEEN
 
 
 def _residual_caption(diagnosis: Diagnosis, bench: Any, view: _View, mean: _Means) -> str:
@@ -159,7 +148,7 @@ def _residual_caption(diagnosis: Diagnosis, bench: Any, view: _View, mean: _Mean
     return f"{text} and by {left} from the twin {_effect(diagnosis)}; the noise alone gives {size(mean.noise)}."
 
 
-def _residual_csv(mean: _Means) -> str:
+def _residual_rows(mean: _Means) -> _Table:
     columns = {
         "time_s": mean.time,
         "measured_minus_before_m": mean.measured,
@@ -167,7 +156,7 @@ def _residual_csv(mean: _Means) -> str:
         "noise_of_mean_m": mean.noise,
         "rows": mean.rows,
     }
-    return _csv(columns)
+    return _table(columns)
 
 
 def _views(bench: Any) -> list[_View]:
@@ -239,6 +228,14 @@ def _restitution(diagnosis: Diagnosis) -> Drawn:
     shown = _by_impacts(bench)[:MOST_PAIRS]
     effect, label = _effect(diagnosis), "Restitution against impact speed, measured and by the contact law"
     speed, e = _impacts(bench, fits[-1][1])
+    seen = f"with the twin {effect}" if after is not None else "with the twin before"
+    caption = (
+        "Restitution of single impacts (small points) and their means over the repetitions of a condition with the "
+        f"standard deviation between repetitions (bars), for each bead on each plate; flights reconstructed {seen}. "
+        "Dashed: contact law of the twin before"
+        + (f"; line: that of the twin {effect}." if after is not None else ".")
+        + (f" {len(bench.pairs) - len(shown)} more pairs are not drawn." if len(bench.pairs) > len(shown) else "")
+    )
     rows: list[dict[str, Any]] = []
     with canvas(1.2 + 1.9 * math.ceil(len(shown) / 2)) as (figure, _):
         figure.clear()
@@ -259,16 +256,8 @@ def _restitution(diagnosis: Diagnosis) -> Drawn:
             panel.set(xlabel="impact speed [m/s]", ylabel="restitution [1]")
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", fontsize=8, ncols=len(handles[1]))
-        drawing = svg(figure, label)
-    seen = f"with the twin {effect}" if after is not None else "with the twin before"
-    caption = (
-        "Restitution of single impacts (small points) and their means over the repetitions of a condition with the "
-        f"standard deviation between repetitions (bars), for each bead on each plate; flights reconstructed {seen}. "
-        "Dashed: contact law of the twin before"
-        + (f"; line: that of the twin {effect}." if after is not None else ".")
-        + (f" {len(bench.pairs) - len(shown)} more pairs are not drawn." if len(bench.pairs) > len(shown) else "")
-    )
-    return Drawn(drawing, caption, table(rows, ("pair", "condition", "impact", "speed_m_s", "restitution", "std")))
+        columns = ("pair", "condition", "impact", "speed_m_s", "restitution", "std")
+        return drawn(figure, "diagnosis-restitution", label, rows, columns, caption)
 
 
 def _by_impacts(bench: DropBench) -> list[int]:
@@ -336,6 +325,12 @@ def _contact(diagnosis: Diagnosis) -> Drawn:
     fits = [("twin before", before, BEFORE, -0.15)]
     if after is not None:
         fits.append((f"twin {_effect(diagnosis)}", after, TWIN, 0.15))
+    single = "impacts" if what == "restitution" else "repetitions"
+    caption = (
+        f"Measured {what} less that of the contact law: single {single} (small points) and the mean of each condition "
+        f"with two standard errors by the scatter of its {single}. Dark: law of the twin before"
+        + (f"; orange: law of the twin {_effect(diagnosis)}." if after is not None else ".")
+    )
     rows: list[dict[str, Any]] = []
     with canvas(1.2 + 0.32 * len(bench.condition_names)) as (figure, axes):
         axes.axvline(0.0, lw=1, color=BEFORE)
@@ -355,14 +350,9 @@ def _contact(diagnosis: Diagnosis) -> Drawn:
         axes.invert_yaxis()
         axes.set_xlabel(f"{what} less contact law [1]")
         figure.legend(loc="outside lower center", fontsize=8, ncols=2)
-        drawing = svg(figure, f"Deviations of the {what} from the contact law in each condition")
-    single = "impacts" if what == "restitution" else "repetitions"
-    caption = (
-        f"Measured {what} less that of the contact law: single {single} (small points) and the mean of each condition "
-        f"with two standard errors by the scatter of its {single}. Dark: law of the twin before"
-        + (f"; orange: law of the twin {_effect(diagnosis)}." if after is not None else ".")
-    )
-    return Drawn(drawing, caption, table(rows, ("twin", "condition", "mean", "std", "number")))
+        label = f"Deviations of the {what} from the contact law in each condition"
+        columns = ("twin", "condition", "mean", "std", "number")
+        return drawn(figure, "diagnosis-contact", label, rows, columns, caption)
 
 
 def _deviations(bench: Any, fitted: Fit, condition: int) -> Array:
@@ -389,6 +379,15 @@ def _amplitude(diagnosis: Diagnosis) -> Drawn:
     time, measured, plain, added, std = series[worst]
     condition, effect = bench.condition_names[worst], _effect(diagnosis)
     label = f"Amplitude of the swings over time in {condition}"
+    caption = (
+        f"Amplitude at the turning points of {condition}, means over its repetitions; below the difference from the "
+        "twin before, bars: two standard errors by the tracking noise. Dashed: twin before"
+        + (f"; line: twin {effect}." if after is not None else ".")
+    )
+    columns = {
+        "time_s": time, "measured_deg": measured, "before_deg": plain,
+        "effect_deg": added if after is not None else np.full(len(time), math.nan), "std_deg": std,
+    }  # fmt: skip
     with canvas(4.4) as (figure, _):
         figure.clear()
         whole, apart = figure.subplots(2, 1, sharex=True)
@@ -402,17 +401,7 @@ def _amplitude(diagnosis: Diagnosis) -> Drawn:
         whole.set(ylabel="amplitude [deg]")
         apart.set(xlabel="time since the release [s]", ylabel="less twin before [deg]")
         whole.legend(fontsize=8)
-        drawing = svg(figure, label)
-    caption = (
-        f"Amplitude at the turning points of {condition}, means over its repetitions; below the difference from the "
-        "twin before, bars: two standard errors by the tracking noise. Dashed: twin before"
-        + (f"; line: twin {effect}." if after is not None else ".")
-    )
-    columns = {
-        "time_s": time, "measured_deg": measured, "before_deg": plain,
-        "effect_deg": added if after is not None else np.full(len(time), math.nan), "std_deg": std,
-    }  # fmt: skip
-    return Drawn(drawing, caption, _csv(columns))
+        return drawn(figure, "diagnosis-amplitude", label, *_table(columns), caption)
 
 
 def _turning_points(
@@ -466,6 +455,11 @@ def _overview(diagnosis: Diagnosis) -> Drawn:
     order = {one.experiment: rank for rank, one in reversed(list(enumerate(diagnosis.where)))}
     every = list(bench.condition_names)
     shown = sorted(range(len(every)), key=lambda c: order.get(every[c], 999))[: MOST_PANELS // 2]
+    rows: list[dict[str, Any]] = []
+    caption = (
+        "Mean residual (measured less twin) over the repetitions of a condition, in standard errors; the band is two "
+        "standard errors."
+    )
     with canvas(1.6 * len(shown) + 0.4) as (figure, _):
         figure.clear()
         panels: Any = figure.subplots(len(shown), 2, squeeze=False)
@@ -473,28 +467,32 @@ def _overview(diagnosis: Diagnosis) -> Drawn:
             for k, axis in enumerate("xy"):
                 panel = panels[row, k]
                 panel.axhspan(-2, 2, color=NOISE, alpha=0.35, lw=0)
-                _slices(panel, bench, before, condition, k, BEFORE, "before")
-                if after is not None:
-                    _slices(panel, bench, after, condition, k, TWIN, "after")
+                fits = [(before, BEFORE, "before"), *([(after, TWIN, "after")] if after is not None else [])]
+                for fitted, colour, label in fits:
+                    time, mean = _slices(bench, fitted, condition, k)
+                    panel.plot(time, mean, ".-", ms=3, lw=0.8, color=colour, label=label)
+                    known = {"condition": every[condition], "axis": axis, "twin": label}
+                    rows += [
+                        {**known, "time_s": at, "mean_residual_standard_errors": value}
+                        for at, value in zip(time.tolist(), mean.tolist(), strict=True)
+                    ]
                 panel.set_title(f"{every[condition]}: {axis}", fontsize=8, loc="left")
                 panel.tick_params(labelsize=7)
         panels[-1, 0].set_xlabel("time [s]", fontsize=8)
         panels[0, 0].set_ylabel("standard errors", fontsize=7)
         panels[0, 0].legend(fontsize=7)
-        drawing = svg(figure, "Mean residuals over time of each condition, before and after the effect is added")
-    caption = (
-        "Mean residual (measured less twin) over the repetitions of a condition, in standard errors; the band is two "
-        "standard errors."
-    )
-    return Drawn(drawing, caption)
+        label = "Mean residuals over time of each condition, before and after the effect is added"
+        columns = ("condition", "axis", "twin", "time_s", "mean_residual_standard_errors")
+        return drawn(figure, "diagnosis-overview", label, rows, columns, caption)
 
 
-def _slices(panel: Axes, bench: Any, fitted: Fit, condition: int, axis: int, colour: str, label: str) -> None:
+def _slices(bench: Any, fitted: Fit, condition: int, axis: int) -> tuple[Array, Array]:
+    """Time [s] and mean residual in standard errors, in slices of time."""
     spans = [bench.spans[r] for r in np.flatnonzero(bench.condition == condition)]
     time = np.concatenate([bench.time[span] for span in spans])
     residual = np.concatenate([fitted.residual[span, axis] for span in spans])
     centre, mean, count = _binned(time, residual, (float(np.ptp(time)) + 1e-9) / SLICES)
-    panel.plot(*thin(centre, mean * np.sqrt(count)), ".-", ms=3, lw=0.8, color=colour, label=label)
+    return thin(centre, mean * np.sqrt(count))
 
 
 # ------------------------------------------------------------------------------------------------------------- parts
@@ -510,8 +508,9 @@ def _effect(diagnosis: Diagnosis) -> str:
     return f"with {names(diagnosis.chosen.terms)}" if diagnosis.chosen else ""
 
 
-def _csv(columns: dict[str, Array]) -> str:
-    rows: Sequence[dict[str, float]] = [
+def _table(columns: dict[str, Array]) -> _Table:
+    """Columns as rows, and their names."""
+    rows: list[dict[str, Any]] = [
         {name: float(value[k]) for name, value in columns.items()} for k in range(len(columns["time_s"]))
     ]
-    return table(rows, tuple(columns))
+    return rows, tuple(columns)

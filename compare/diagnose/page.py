@@ -7,11 +7,12 @@ from typing import Any
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
-from rigtwin.compare.diagnose.figures import Drawn, figures
+from rigtwin.compare.diagnose.figures import figures
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.selection.gap import Gap, closed
 from rigtwin.compare.diagnose.selection.name_effects import ALARM
+from rigtwin.compare.report.drawn import Drawn
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.lab.formatting import unit_of
 

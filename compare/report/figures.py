@@ -1,46 +1,118 @@
-"""Plots of measured and simulated curves for the report, as inline SVG."""
+"""Figures of the report: measured and simulated curves, and the deviations of all main results."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, svg, thin
+from rigtwin.compare.report.drawn import Drawn, column, drawn
+from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, thin
+from rigtwin.lab.formatting import siblings, title
 
 if TYPE_CHECKING:
     from rigtwin.compare.curve_overlays import Curve, Overlay
+    from rigtwin.compare.deviation import Deviation
 
 
 MOST_CURVES = 12  # largest number of curves drawn on each side; a drum has hundreds
+TONES = {"good": "#1c7a4d", "bad": "#b3471d", "doubtful": "#8a6400", "plain": "#8a94a0"}  # as in templates/style.css
+DRAWN_ROWS = ("experiment", "quantity", "method", "deviation_percent", "low_95_percent", "high_95_percent", "verdict")
 
 
-def overlay_figure(overlay: Overlay) -> str:
-    """Measured and simulated curves on common axes, single curves faint, their means strong; SVG text."""
+def overlay_figure(overlay: Overlay, name: str, caption: str) -> Drawn:
+    """Measured and simulated curves on common axes, single curves faint, their means strong."""
     low, high = overlay.span
     tall = 3.2
     if overlay.to_scale:
         heights = [float(np.nanmax(curve.y) - min(np.nanmin(curve.y), 0.0)) for curve in _drawn(overlay)]
         tall = 0.9 + 6.5 * min(max(heights) / (high - low), 1.0)
+    columns = ("side", "curve", column(overlay.x_label), column(overlay.y_label))
+    rows: list[dict[str, Any]] = []
     with canvas(tall) as (figure, axes):
-        for curves, colour, name in (
+        for curves, colour, side in (
             (overlay.measured, MEASURED, "measured"),
             (overlay.simulated, TWIN, "twin"),
         ):
             several = len(curves) > 1
-            for number, curve in enumerate(curves[:: max(1, math.ceil(len(curves) / MOST_CURVES))]):
-                label = None if several or number else name
-                axes.plot(*thin(curve.x, curve.y), "-", lw=1.3, color=colour, alpha=0.35 if several else 1, label=label)
+            every = max(1, math.ceil(len(curves) / MOST_CURVES))
+            for number, curve in enumerate(curves[::every]):
+                x, y = thin(curve.x, curve.y)
+                label = None if several or number else side
+                axes.plot(x, y, "-", lw=1.3, color=colour, alpha=0.35 if several else 1, label=label)
+                rows += _points(columns, side, str(number * every + 1), x, y)
             if several:
                 mean = overlay.mean(curves)
-                axes.plot(mean.x, mean.y, "-", lw=2, color=colour, label=f"{name}, mean of {len(curves)}")
+                axes.plot(mean.x, mean.y, "-", lw=2, color=colour, label=f"{side}, mean of {len(curves)}")
+                rows += _points(columns, side, f"mean of {len(curves)}", mean.x, mean.y)
         axes.set(xlabel=overlay.x_label, ylabel=overlay.y_label)
         if overlay.to_scale:
             axes.set_aspect("equal")
         axes.legend(loc="best")
-        return svg(figure, f"{overlay.what.capitalize()}, measured and simulated")
+        label = f"{overlay.what.capitalize()}, measured and simulated"
+        return drawn(figure, name, label, rows, columns, caption)
+
+
+def _points(columns: Sequence[str], side: str, curve: str, x: Any, y: Any) -> Iterator[dict[str, Any]]:
+    for a, b in zip(x.tolist(), y.tolist(), strict=True):
+        if math.isfinite(a) and math.isfinite(b):
+            yield dict(zip(columns, (side, curve, a, b), strict=True))
 
 
 def _drawn(overlay: Overlay) -> tuple[Curve, ...]:
     return (*overlay.measured, *overlay.simulated)
+
+
+def tone(row: Deviation) -> str:
+    """How a verdict is coloured: "good", "bad", "doubtful" or "plain"."""
+    if row.doubtful:
+        return "doubtful"
+    if row.verdict.startswith("agree"):
+        return "good"
+    return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
+
+
+def half_interval(row: Deviation) -> float:
+    """Half of the 95 % interval of a percent deviation [%]; infinite where nothing is known of it."""
+    assert row.percent_deviation_std is not None
+    return (row.coverage_factor or 1.96) * row.percent_deviation_std
+
+
+def deviations_figure(rows: Sequence[Deviation], widest: float) -> Drawn | None:
+    """Percent deviations with their 95 % intervals, on an axis to `widest` [%]; None where nothing is compared."""
+    shown = [(row, row.percent_deviation) for row in rows if row.percent_deviation is not None]
+    shown = [(row, deviation) for row, deviation in shown if row.percent_deviation_std is not None]
+    if not shown:
+        return None
+    names = [f"{row.experiment}: {_what(row)}" for row, _ in shown]
+    with canvas(0.8 + 0.28 * len(shown)) as (figure, axes):
+        axes.axvline(0.0, lw=1, color="#8a94a0")
+        for place, (row, deviation) in enumerate(shown):
+            half = min(half_interval(row), 1e6)  # an interval without an end leaves the axis
+            axes.errorbar(deviation, place, xerr=half, fmt="o", ms=4.5, lw=1.5, color=TONES[tone(row)])
+        axes.set_xlim(-1.08 * widest, 1.08 * widest)
+        axes.set_yticks(range(len(shown)), names, fontsize=8)
+        axes.set_ylim(len(shown) - 0.5, -0.5)
+        axes.set_xlabel("deviation of the twin from the measurement / %")
+        return drawn(
+            figure,
+            "deviations",
+            "Percent deviations of the twins from the measurements",
+            [_row(row, deviation) for row, deviation in shown],
+            DRAWN_ROWS,
+            "Deviation of each simulated value from the measured one, 100 (simulated - measured) / measured, with its "
+            "95 % interval.",
+        )
+
+
+def _what(row: Deviation) -> str:
+    return ", ".join(words for words in (title(row.quantity), siblings(row.row()), row.method) if words)
+
+
+def _row(row: Deviation, deviation: float) -> dict[str, Any]:
+    half = half_interval(row)
+    values = (deviation, deviation - half, deviation + half)
+    quantity = ", ".join(filter(None, (title(row.quantity), siblings(row.row()))))
+    return dict(zip(DRAWN_ROWS, (row.experiment, quantity, row.method, *values, row.verdict), strict=True))

@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.deviation import Deviation, headlines, primary_first
 from rigtwin.compare.report import figures
+from rigtwin.compare.report.drawn import Drawn, different, slug
 from rigtwin.compare.report.fill_template import filled
+from rigtwin.compare.report.methods import Methods, methods
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import percent, reading, siblings, title, uncertainty, z_score
 from rigtwin.lab.quantity import Check, Measurement
+from rigtwin.lab.rigs import SETTINGS
 
 if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
@@ -32,6 +35,7 @@ class Row:
     """A row of a table of deviations, formatted."""
 
     experiment: str
+    rig: str
     quantity: str
     which: str
     method: str
@@ -71,15 +75,41 @@ class CheckLine:
         return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
 
 
-def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> str:
-    """The text of the page; `provenance` is the content of provenance.json, `out` the folder of the page."""
+def drawn_figures(comparison: Comparison) -> dict[str, list[Drawn]]:
+    """All figures of the page, by name of their experiment; that of all deviations under an empty name."""
+    rows = headlines(comparison.deviations)
+    found = {"": [one] if (one := figures.deviations_figure(rows, _widest(rows))) is not None else []}
+    names = different(
+        slug(f"{outcome.experiment.id}-{overlay.what}") for outcome in comparison.outcomes for overlay in outcome.shapes
+    )
+    for outcome in comparison.outcomes:
+        found[outcome.experiment.id] = [
+            figures.overlay_figure(overlay, next(names), _caption(overlay)) for overlay in outcome.shapes
+        ]
+    return found
+
+
+def report(
+    comparison: Comparison,
+    provenance: Mapping[str, Any],
+    out: Path,
+    drawn: Mapping[str, Sequence[Drawn]] | None = None,
+    text: Methods | None = None,
+) -> str:
+    """The text of the page; `provenance` is the content of provenance.json, `out` the folder of the page.
+
+    Its figures and its methods text are made unless they are given.
+    """
+    drawn = drawn_figures(comparison) if drawn is None else drawn
     return filled(
         "report.html",
         title=comparison.lab.title,
         made=comparison.started.strftime("%d %B %Y, %H:%M UTC"),
         summary=comparison.headline,
-        headlines=_table(headlines(comparison.deviations)),
-        sections=[_section(outcome, out) for outcome in comparison.outcomes],
+        headlines=_table(headlines(comparison.deviations), "At a glance"),
+        overall=drawn[""],
+        sections=[_section(outcome, out, drawn[outcome.experiment.id]) for outcome in comparison.outcomes],
+        methods=methods(comparison, provenance["versions"]) if text is None else text,
         borrowed=comparison.lab.borrowed,
         remarks=comparison.remarks,
         provenance=provenance,
@@ -87,7 +117,7 @@ def report(comparison: Comparison, provenance: Mapping[str, Any], out: Path) -> 
     )
 
 
-def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
+def _section(outcome: Outcome, out: Path, drawn: Sequence[Drawn]) -> dict[str, Any]:
     experiment = outcome.experiment
     wall = f" on {experiment.wall.name}" if experiment.wall is not None else ""
     stills, more = _stills(outcome.measurements)
@@ -97,11 +127,11 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
         "rig": experiment.rig.title,
         "what": f"{experiment.particle.name}{wall}",
         "settings": _settings(outcome),
-        "shapes": [_shape(overlay) for overlay in outcome.shapes],
+        "figures": drawn,
         "stills": stills,
         "more_stills": more,
-        "table": _table(primary),
-        "more_rows": _table(rest) if rest else None,
+        "table": _table(primary, f"Deviations of {experiment.id}"),
+        "more_rows": _table(rest, f"More deviations of {experiment.id}") if rest else None,
         "checks": list(_check_lines([item.checks for item in outcome.measurements])),
         "twin_checks": list(_check_lines([twin.evaluation.checks for twin in outcome.twins])),
         "warnings": outcome.warnings,
@@ -114,10 +144,10 @@ def _section(outcome: Outcome, out: Path) -> dict[str, Any]:
     }
 
 
-def _table(rows: Sequence[Deviation]) -> dict[str, Any]:
+def _table(rows: Sequence[Deviation], name: str) -> dict[str, Any]:
     widest = _widest(rows)
     notes = list(dict.fromkeys(note for row in rows for note in _notes(row)))
-    return {"rows": [_row(row, widest, notes) for row in rows], "widest": f"{widest:g}", "notes": notes}
+    return {"name": name, "rows": [_row(row, widest, notes) for row in rows], "widest": f"{widest:g}", "notes": notes}
 
 
 def _notes(row: Deviation) -> list[str]:
@@ -129,27 +159,27 @@ def _notes(row: Deviation) -> list[str]:
 def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
     return Row(
         experiment=deviation.experiment,
+        rig=SETTINGS[deviation.rig].title,
         quantity=title(deviation.quantity),
         which=siblings(deviation.row()),
         method=deviation.method,
-        measured=reading(deviation.measured, deviation.measured_std_uncertainty, deviation.unit),
+        measured=_in_two(reading(deviation.measured, deviation.measured_std_uncertainty, deviation.unit)),
         n=deviation.measured_n,
-        simulated=reading(deviation.simulated, deviation.simulated_std_uncertainty, deviation.unit),
-        percent=percent(deviation.percent_deviation, deviation.percent_deviation_std),
+        simulated=_in_two(reading(deviation.simulated, deviation.simulated_std_uncertainty, deviation.unit)),
+        percent=_in_two(percent(deviation.percent_deviation, deviation.percent_deviation_std)),
         z=z_score(deviation.z),
         verdict=deviation.verdict,
-        tone=_tone(deviation),
+        tone=figures.tone(deviation),
         notes=tuple(1 + notes.index(note) for note in _notes(deviation)),
         bar=_bar(deviation, widest),
     )
 
 
-def _tone(row: Deviation) -> str:
-    if row.doubtful:
-        return "doubtful"
-    if row.verdict.startswith("agree"):
-        return "good"
-    return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
+def _in_two(words: str) -> str:
+    """A reading that a narrow table breaks before its uncertainty and nowhere else."""
+    value, sign, rest = words.partition(" ± ")
+    whole = "\N{NO-BREAK SPACE}"
+    return f"{value} ±{whole}{rest.replace(' ', whole)}" if sign else words
 
 
 def _bar(row: Deviation, widest: float) -> Bar | None:
@@ -159,7 +189,7 @@ def _bar(row: Deviation, widest: float) -> Bar | None:
     def place(value: float) -> float:
         return 50 + 46 * max(-1.0, min(1.0, value / widest))
 
-    half = (row.coverage_factor or 1.96) * row.percent_deviation_std
+    half = figures.half_interval(row)
     half = half if math.isfinite(half) else widest
     return Bar(place(row.percent_deviation), place(row.percent_deviation - half), place(row.percent_deviation + half))
 
@@ -212,17 +242,15 @@ def _stated(experiment: Experiment) -> list[tuple[str, str]]:
     return [(name, f"{value * factor:.4g}{unit}") for name, value, factor, unit in said if value is not None]
 
 
-def _shape(overlay: Overlay) -> dict[str, str]:
-    """Figure and caption of an overlay."""
+def _caption(overlay: Overlay) -> str:
     unit = {"deg": "°", "%": " %"}.get(overlay.unit, f" {overlay.unit}")
     beads = "" if overlay.bead is None else f" ({overlay.distance / overlay.bead:.2g} bead diameters)"
     scatter = overlay.scatter(overlay.measured)
     own = "" if scatter is None else f"; single measured curves scatter by {scatter:.2g}{unit} about their mean"
-    return {
-        "figure": figures.overlay_figure(overlay),
-        "caption": f"{overlay.what[:1].upper()}{overlay.what[1:]}: measured and simulated means lie "
-        f"{overlay.distance:.2g}{unit} apart{beads}, root mean square, {overlay.offset:+.2g}{unit} on average{own}.",
-    }
+    return (
+        f"{overlay.what[:1].upper()}{overlay.what[1:]}: measured and simulated means lie {overlay.distance:.2g}{unit} "
+        f"apart{beads}, root mean square, {overlay.offset:+.2g}{unit} on average{own}."
+    )
 
 
 def _stills(measurements: Sequence[Measurement]) -> tuple[list[dict[str, Any]], int]:

@@ -1,10 +1,8 @@
-"""Colours, style and SVG output of the plots."""
+"""Colours and style of the plots."""
 
 from __future__ import annotations
 
-import io
 import math
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -48,15 +46,6 @@ def canvas(height: float = 3.2) -> Iterator[tuple[Figure, Axes]]:
     with matplotlib.rc_context(_STYLE):
         figure = Figure(figsize=(7.2, height), layout="constrained")
         yield figure, figure.add_subplot()
-
-
-def svg(figure: Figure, label: str) -> str:
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    drawing = text.getvalue()
-    # the style sheet of the drawing would apply to the whole page
-    drawing = re.sub(r"<style.*?</style>", "", drawing[drawing.index("<svg") :], flags=re.DOTALL)
-    return drawing.replace("<svg ", f'<svg role="img" aria-label="{label}" ', 1)
 
 
 def thin(x: Array, y: Array) -> tuple[Array, Array]:

@@ -13,6 +13,7 @@ from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.run import Done
 from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.store import LEDGER
+from rigtwin.compare.report.drawn import Drawn, figure_files
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.reproduce import paper_runs
 from rigtwin.compare.reproduce.studies import Points, Study, check_studies, studies
@@ -232,13 +233,15 @@ def reproduce(
     reproduction = Reproduction(wanted.cells, done, out, tuple(shown), missing=missing)
     reproduction = replace(reproduction, replaced=_replaced(out / "cells.json", reproduction))
     names = ("cells.csv", "studies.csv", "cells.json", "report.html", "reproduction.md")
-    reproduction.files.update({name: out / name for name in names})
-    contents = {
+    figures = drawn_figures(reproduction)
+    reproduction.files.update({name: out / name for name in (*names, *([result_files.FIGURES] if figures else []))})
+    contents: dict[str, str | bytes] = {
         "cells.csv": result_files.table(reproduction.rows, COLUMNS),
         "studies.csv": result_files.table(reproduction.study_rows, STUDY_COLUMNS),
         "cells.json": result_files.document(reproduction.to_json()),
-        "report.html": page(reproduction, "reproduction.html"),
-        "reproduction.md": page(reproduction, "reproduction.md"),
+        "report.html": page(reproduction, "reproduction.html", figures),
+        "reproduction.md": page(reproduction, "reproduction.md", figures),
+        **figure_files("reproduction", figures.values()),
     }
     result_files.write_in_turn(out, contents)
     return reproduction
@@ -290,13 +293,24 @@ def _shown(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]]]
                 yield f"study {study}", (reading, place, law)
 
 
-def page(reproduction: Reproduction, template: str = "reproduction.html") -> str:
-    """The report as one HTML page, or as Markdown."""
+def drawn_figures(reproduction: Reproduction) -> dict[tuple[str, Rolling], Drawn]:
+    """The figure of each study that has points, by its name and rolling law."""
     from rigtwin.compare.reproduce.figures import study_figure
 
     found = [(study, reproduction.points(study)) for study in reproduction.studies]
+    return {(study.name, study.rolling): study_figure(study, points) for study, points in found if points}
+
+
+def page(
+    reproduction: Reproduction,
+    template: str = "reproduction.html",
+    figures: Mapping[tuple[str, Rolling], Drawn] | None = None,
+) -> str:
+    """The report as one HTML page, or as Markdown; its figures are drawn unless they are given."""
+    figures = drawn_figures(reproduction) if figures is None else figures
+    found = [(study, reproduction.points(study)) for study in reproduction.studies]
     drawn = [
-        (study, _run_places(study, points), points, study_figure(study, points) if template.endswith(".html") else "")
+        (study, _run_places(study, points), points, figures[study.name, study.rolling])
         for study, points in found
         if points
     ]

@@ -69,6 +69,7 @@ def drop_twin(
     from rigtwin.measure.drop import evaluate as ruler
     from rigtwin.sim import drop
     from rigtwin.sim.engine.effect_terms import acting_on_few
+    from rigtwin.sim.run.trials import numerics
 
     if particle.shape is not None:
         return _tumbling_twin(
@@ -83,6 +84,7 @@ def drop_twin(
             progress=progress,
         )
     begun = time.perf_counter()
+    acting, left_out = acting_on_few(effects)
     track = drop.run(
         rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
     )
@@ -94,10 +96,16 @@ def drop_twin(
     return Twin(
         "drop",
         evaluation,
-        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
+        settings_of(
+            rig,
+            particle,
+            {f"{particle.name}-{wall.name}": contact},
+            frame_rate_hz=frame_rate,
+            numerics=numerics(acting),
+        ),
         tracks=(track,),
         assumptions=(IDEAL, "The plate is flat, level and does not move."),
-        warnings=acting_on_few(effects)[1],
+        warnings=left_out,
         draw=lambda: flashes((track,), particle, ground(track, particle.diameter)),
         seconds=time.perf_counter() - begun,
     )
@@ -139,7 +147,14 @@ def _tumbling_twin(
     return Twin(
         "drop",
         evaluation,
-        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate, seed=seed),
+        settings_of(
+            rig,
+            particle,
+            {f"{particle.name}-{wall.name}": contact},
+            frame_rate_hz=frame_rate,
+            seed=seed,
+            numerics=drop_clump.numerics(particle, effects),
+        ),
         tracks=(fall.front, fall.side),
         assumptions=(
             IDEAL,

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from rigtwin.lab.quantity import Measurement
 
 
+NUMERICS = ("contact_law", "stiffness_factor", "time_step", "rolling_resistance", "effects")
+"""Assumptions of a run that are numerical settings (`rigtwin.sim.run.set_up.Bench.assumptions`)."""
+
+
 class Computed(NamedTuple):
     """How a run was computed."""
 
@@ -76,6 +80,7 @@ def bulk_twin(
             threads=computed.threads,
             computed_by=computed.by,
             seed=computed.seed,
+            numerics={name: run.assumptions[name] for name in NUMERICS if name in run.assumptions},
             **course,
             statistics=run.statistics,
         ),

@@ -71,8 +71,10 @@ def pendulum_twin(
     from rigtwin.measure.pendulum import evaluate as ruler
     from rigtwin.sim import pendulum
     from rigtwin.sim.engine.effect_terms import acting_on_few
+    from rigtwin.sim.run.trials import numerics
 
     begun = time.perf_counter()
+    acting, left_out = acting_on_few(effects, pivots=True)
     tracks = pendulum.run(
         rig,
         particle,
@@ -99,10 +101,11 @@ def pendulum_twin(
             particle,
             {f"{particle.name}-{other}": contact},
             frame_rate_hz=frame_rate,
+            numerics=numerics(acting),
         ),
         tracks=tuple(tracks),
         assumptions=(IDEAL, *_hung(rig, particle)),
-        warnings=(*_slack(rig), *acting_on_few(effects, pivots=True)[1]),
+        warnings=(*_slack(rig), *left_out),
         draw=lambda: flashes(tracks, particle, None if wall is None else _upright(particle.diameter)),
         seconds=time.perf_counter() - begun,
     )

@@ -91,7 +91,13 @@ def tilt_twin(
     return Twin(
         "tilt",
         evaluation,
-        settings_of(rig, particle, {f"{particle.name}-{wall.name}": contact}, frame_rate_hz=frame_rate),
+        settings_of(
+            rig,
+            particle,
+            {f"{particle.name}-{wall.name}": contact},
+            frame_rate_hz=frame_rate,
+            numerics=tilt.numerics(rig, particle, effects),
+        ),
         tracks=(track,),
         series=(angle,),
         assumptions=(

@@ -95,6 +95,11 @@ def acting_on_few(effects: Effects, *, pivots: bool = False) -> tuple[tuple[Acti
     return active, left_out(effects, active, why)
 
 
+def named_in(active: Sequence[Active]) -> dict[str, str]:
+    """The active effects by name, for the settings of a result; nothing if there are none."""
+    return {"effects": ", ".join(one.effect.name.replace("_", " ") for one in active)} if active else {}
+
+
 def left_out(effects: Effects, active: Sequence[Active], why: str) -> tuple[str, ...]:
     """Warning about the effects that are not active; empty if there are none."""
     names = [name for name in effects if name not in {one.effect.name for one in active}]

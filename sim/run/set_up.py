@@ -178,8 +178,8 @@ class Bench:
 
     def assumptions(self) -> dict[str, str]:
         """Numerical settings in words, for the result."""
-        acting, _ = self._effects()
-        effects = {"effects": ", ".join(one.effect.name.replace("_", " ") for one in acting)} if acting else {}
+        from rigtwin.sim.engine.effect_terms import named_in
+
         linear = f"linear springs, as stiff as Hertz's contacts at {self.impact_speed:g} m/s"
         return {
             "contact_law": linear if self.contact_law == "linear" else self.contact_law,
@@ -187,7 +187,7 @@ class Bench:
             "time_step": f"{100 * self.time_step()[0] / self.soft.rayleigh_time_step:g}% of Rayleigh's",
             "rolling_resistance": f"{self.rolling}, torque limit mu_r Fn R on each bead"
             + (", R from a contact to the centre of mass" if self.rolling != "type C" else ""),
-            **effects,
+            **named_in(self._effects()[0]),
         }
 
     def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:

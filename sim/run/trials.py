@@ -14,6 +14,7 @@ from rigtwin.lab.progress import Progress
 from rigtwin.sim.engine.time_step import of_kind
 
 if TYPE_CHECKING:
+    from rigtwin.sim.engine.effect_terms import Active
     from rigtwin.sim.engine.few.few_body import Case
 
 _Trial = TypeVar("_Trial")
@@ -58,6 +59,19 @@ def name(place: int, trials: Sequence[object]) -> str:
 def released(time: Array, frame_rate: float) -> Array:
     """The times [s] since the release of those frames that come after it."""
     return time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
+
+
+def numerics(active: Sequence[Active]) -> dict[str, str]:
+    """Numerical settings of `film` and the effects that act, in words, for the result."""
+    from rigtwin.sim.engine.effect_terms import named_in
+    from rigtwin.sim.engine.few.few_body import Case
+
+    return {
+        "contact_law": Case.contact_law,
+        "stiffness_factor": "1 (the real Young's moduli)",
+        "time_step": f"halved in contact until no position changes by more than {1e6 * TRACK_SIGMA:g} um",
+        **named_in(active),
+    }
 
 
 def film(releases: Sequence[Release], *, threads: int | None = None, progress: Progress) -> list[Seen | RigtwinError]:

@@ -8,16 +8,17 @@ import numpy as np
 
 from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, parameters_of
 from rigtwin.compare.diagnose.bulk.naming import ALARM, BulkCandidate
-from rigtwin.compare.diagnose.figures import BEFORE, NOISE, Drawn
+from rigtwin.compare.diagnose.figures import BEFORE, NOISE
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.page import gap_rows, parameters_in_words
+from rigtwin.compare.report.drawn import Drawn, drawn
 from rigtwin.compare.report.fill_template import filled
-from rigtwin.compare.report.plot_style import TWIN, canvas, svg
+from rigtwin.compare.report.plot_style import TWIN, canvas
 from rigtwin.lab.formatting import unit_of
 
 
-def bulk_page(found: BulkDiagnosis) -> str:
-    """The HTML text of the whole page."""
+def bulk_page(found: BulkDiagnosis, drawn_before: Drawn | None = None) -> str:
+    """The HTML text of the whole page; its figure is drawn unless it is given."""
     document = found.to_json()
     return filled(
         "diagnosis.html",
@@ -40,7 +41,7 @@ def bulk_page(found: BulkDiagnosis) -> str:
         calibration=sorted(document["calibration"], key=lambda row: -abs(row["pull"] or 0.0)),
         strained=strained.in_words(document["strained"]),
         far=[row["name"] for row in document["strained"]],
-        leading=[_figure(found)],
+        leading=[drawn_before or bulk_figure(found)],
         further=[],
         overview=[],
         tried=len(found.naming.tried),
@@ -49,8 +50,10 @@ def bulk_page(found: BulkDiagnosis) -> str:
     )
 
 
-def _figure(found: BulkDiagnosis) -> Drawn:
+def bulk_figure(found: BulkDiagnosis) -> Drawn:
     """Deviation of each measured number over its uncertainty, before and after, one panel for each condition."""
+    columns = ("condition", "quantity", "twin", "deviation_standard_uncertainties")
+    rows: list[dict[str, Any]] = []
     heights = [len(one.names) for one in found.responses]
     fits = [(found.naming.base, BEFORE, "twin before")]
     if found.shown is not None:
@@ -63,6 +66,10 @@ def _figure(found: BulkDiagnosis) -> Drawn:
                 spread = np.sqrt(np.diag(one.covariance(fitted.u)))
                 off = (one.measured - one.predicted(fitted.u)) / np.where(spread > 0, spread, 1.0)
                 panel.plot(off, np.arange(len(off)), "o", ms=4, color=colour, label=label)
+                rows += [
+                    dict(zip(columns, (one.features.condition.name, name, label, float(value)), strict=True))
+                    for name, value in zip(one.names, off, strict=True)
+                ]
             panel.set_yticks(range(len(one.names)), [name.replace("_", " ") for name in one.names], fontsize=7)
             panel.axvspan(-2, 2, color=NOISE, alpha=0.35, lw=0)
             panel.set_title(one.features.condition.name, fontsize=8, loc="left")
@@ -70,7 +77,8 @@ def _figure(found: BulkDiagnosis) -> Drawn:
         panels[-1].set_xlabel("(measured - simulated) / standard uncertainty")
         panels[0].legend(fontsize=7)
         label = "Deviation of each measured number over its uncertainty, before and after the effect is added"
-        return Drawn(svg(figure, label), f"{label}; the band is two standard uncertainties wide on each side.")
+        caption = f"{label}; the band is two standard uncertainties wide on each side."
+        return drawn(figure, "diagnosis-numbers", label, rows, columns, caption)
 
 
 def _row(candidate: BulkCandidate) -> dict[str, str]:

@@ -1,0 +1,150 @@
+"""One figure of a page: its drawing, its bitmap, the numbers in it, and the files that they become.
+
+`figure_files` gives for each figure ``figures/NAME.svg`` (text as text), ``NAME.png`` and ``NAME.csv``, and beside them
+``figures/PAGE-captions.csv``, the list of the figures of a page.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from rigtwin.compare.result_files import FIGURES, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DPI = 300  # [1/inch], what journals ask for at least of pictures with lines and text
+PACKED = 4  # zlib's level; 9 takes three times as long for 5 % less
+_UNITS = {"°": "deg", "%": "percent"}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One figure."""
+
+    name: str
+    """Of its files, without the ending."""
+    svg: str
+    """Content of the SVG file."""
+    png: bytes
+    csv: str
+    """The numbers drawn."""
+    caption: str
+    label: str
+    """What it shows, for readers who cannot see it."""
+
+    @property
+    def inline(self) -> str:
+        """The drawing as part of a page."""
+        # a style sheet would apply to the whole page
+        drawing = re.sub(r"<style.*?</style>", "", self.svg[self.svg.index("<svg") :], flags=re.DOTALL)
+        return drawing.replace("<svg ", f'<svg role="img" aria-label="{escape(self.label)}" ', 1)
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Addresses of its files beside the page, by kind."""
+        return {kind: f"{FIGURES}/{self.name}.{kind.lower()}" for kind in ("SVG", "PNG", "CSV")}
+
+
+def drawn(
+    figure: Figure,
+    name: str,
+    label: str,
+    rows: Sequence[Mapping[str, Any]],
+    columns: Sequence[str] = (),
+    caption: str = "",
+) -> Drawn:
+    """A figure in the style of `plot_style.canvas`, whose context still holds.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    name : str
+        Name of its files.
+    label : str
+        What it shows, in a few words.
+    rows : sequence of mappings
+        The numbers drawn.
+    columns : sequence of str
+        Columns of the table of these numbers, with their units; by default the keys of the first row.
+    caption : str
+        Its caption, by default the label.
+
+    Returns
+    -------
+    Drawn
+        Drawing, bitmap and table.
+    """
+    drawing, bitmap = io.StringIO(), io.BytesIO()
+    figure.savefig(drawing, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    figure.set_layout_engine("none")  # keeps the places of the drawing; to find them again takes as long as to draw
+    figure.savefig(
+        bitmap, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": PACKED}
+    )  # fmt: skip
+    head = columns or (tuple(rows[0]) if rows else ())
+    return Drawn(name, drawing.getvalue(), bitmap.getvalue(), table(rows, head), caption or label, label)
+
+
+def figure_files(page: str, figures: Iterable[Drawn]) -> dict[str, str | bytes]:
+    """The files of all figures of a page by name, for `result_files.write_together`.
+
+    Parameters
+    ----------
+    page : str
+        Name of the page or of its command; the figures of another page in the same folder are left alone.
+    figures : iterable of Drawn
+        Figures with different names.
+
+    Returns
+    -------
+    dict of str to str or bytes
+        Content by path relative to the folder of results.
+    """
+    found = list(figures)
+    contents: dict[str, str | bytes] = {}
+    for one in found:
+        contents |= dict(zip(one.files.values(), (one.svg, one.png, one.csv), strict=True))
+    rows = [{"figure": one.name, "caption": one.caption} for one in found]
+    return {**contents, f"{FIGURES}/{page}-captions.csv": table(rows, ("figure", "caption"))}
+
+
+def column(label: str) -> str:
+    """The name of a column for the label of an axis.
+
+    >>> column("height above the plate / mm"), column("angle of the plate / °"), column("restitution [1]")
+    ('height_above_the_plate_mm', 'angle_of_the_plate_deg', 'restitution')
+    """
+    words, _, unit = (part.strip() for part in re.sub(r"\[(.*)\]$", r"/ \1", label).rpartition(" / "))
+    unit = _UNITS.get(unit, "" if unit == "1" else unit)
+    return re.sub(r"\W+", "_", f"{words} {unit}" if words else unit).strip("_")
+
+
+def slug(words: str) -> str:
+    """A name of a file: letters, digits, points, hyphens and underscores.
+
+    >>> slug("pair/1: height of the bead")
+    'pair-1-height-of-the-bead'
+    """
+    return re.sub(r"[^\w.]+", "-", words, flags=re.ASCII).strip("-.") or "figure"
+
+
+def different(names: Iterable[str]) -> Iterator[str]:
+    """The names, with a number behind those that stand there already.
+
+    >>> list(different(["heap", "heap", "bed"]))
+    ['heap', 'heap-2', 'bed']
+    """
+    taken: set[str] = set()
+    for name in names:
+        number, one = 1, name
+        while one.lower() in taken:  # some file systems do not distinguish capitals
+            number += 1
+            one = f"{name}-{number}"
+        taken.add(one.lower())
+        yield one

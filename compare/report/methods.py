@@ -1,0 +1,452 @@
+"""The methods text of a comparison: what was measured, how the twins were run and how both were compared.
+
+Every number in it is one of this run: of lab.toml, the measurements, the settings of the twins, or the versions of
+the programs.  `Methods.markdown` is in Pandoc's Markdown, whose ``[@key]`` refer to ``references.bib``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from rigtwin.compare.chosen import known_scatter
+from rigtwin.compare.deviation import SURE, UNINFORMATIVE, headlines
+from rigtwin.compare.twins.registry import entry_of
+from rigtwin.lab.formatting import reading, title
+from rigtwin.lab.media_files import SOUNDS
+from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.reference.bibliography import SOFTWARE, Reference, bibtex, cited, reference, references
+from rigtwin.lab.rigs import GRAVITY
+
+if TYPE_CHECKING:
+    from rigtwin.compare.comparison import Comparison, Outcome
+    from rigtwin.compare.twins.twin import Twin
+    from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.materials import Material, Particle
+    from rigtwin.lab.quantity import Measurement
+
+_CITATION = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
+_MEDIA = {"film": "films", "photo": "photos", "table": "tables of tracked data", "sound": "sound recordings"}
+
+
+@dataclass(frozen=True)
+class Methods:
+    """Paragraphs with their headings, in Markdown."""
+
+    paragraphs: tuple[tuple[str, str], ...]
+
+    @property
+    def cited(self) -> list[Reference]:
+        """The references in the order in which the text cites them."""
+        found = [key for _, text in self.paragraphs for group in _CITATION.findall(text) for key in _keys(group)]
+        return [reference(key) for key in dict.fromkeys(found)]
+
+    @property
+    def markdown(self) -> str:
+        """The whole text, its list of references at the end."""
+        parts = ["# Methods", *(f"## {heading}\n\n{text}" for heading, text in self.paragraphs), "## References"]
+        return "\n\n".join(parts) + "\n\n" + "\n".join(f"- `{one.key}`: {one.in_words}" for one in self.cited) + "\n"
+
+    @property
+    def html(self) -> list[tuple[str, list[str]]]:
+        """Each heading with its paragraphs as HTML."""
+        return [(heading, [_as_html(part) for part in text.split("\n\n")]) for heading, text in self.paragraphs]
+
+    @property
+    def bibtex(self) -> str:
+        """The content of ``references.bib``."""
+        return bibtex([one.key for one in self.cited])
+
+
+def methods(comparison: Comparison, versions: Mapping[str, str]) -> Methods:
+    """The methods text of a comparison.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The finished comparison.
+    versions : mapping of str to str
+        Versions of the programs, as in provenance.json.
+
+    Returns
+    -------
+    Methods
+        Its paragraphs.
+    """
+    return Methods(
+        tuple(
+            (heading, text)
+            for heading, text in (
+                ("Experiments", _experiments(comparison)),
+                ("Measurement", _measurement(comparison, versions)),
+                ("Simulation", _simulation(comparison)),
+                ("Comparison", _comparison(comparison)),
+                ("Software", _software(versions)),
+            )
+            if text
+        )
+    )
+
+
+# ------------------------------------------------------------------------------------------------------- experiments
+
+
+def _experiments(comparison: Comparison) -> str:
+    number = len(comparison.outcomes)
+    first = f"The lab “{comparison.lab.title}” has {number} experiment{'s' if number > 1 else ''} in this comparison."
+    parts = [first, *(_experiment(outcome) for outcome in comparison.outcomes)]
+    if comparison.lab.borrowed:
+        parts.append(
+            "Not stated by the lab and taken from published tables [@hlosta2020]: "
+            f"{'; '.join(sentence.rstrip('.') for sentence in comparison.lab.borrowed)}."
+        )
+    return "\n\n".join(parts)
+
+
+def _experiment(outcome: Outcome) -> str:
+    experiment = outcome.experiment
+    wall = "" if experiment.wall is None else f" on {_material(experiment.wall)}"
+    settings = [
+        f"{name.removesuffix(', stated')} {value * factor:.4g}{unit}"
+        for name, value, factor, unit in entry_of(experiment).stated(experiment)
+        if value is not None
+    ]
+    sentences = [
+        f"`{experiment.id}` ({_kind(experiment)}): {_particle(experiment.particle)}{wall}"
+        + (f"; stated: {', '.join(settings)}." if settings else "."),
+        *_repetitions(outcome),
+        *_stated(experiment),
+    ]
+    return " ".join(sentences)
+
+
+def _kind(experiment: Experiment) -> str:
+    variant = getattr(experiment.rig, "variant", "")
+    return f"{experiment.rig.title.lower()}{f', {variant}' if variant else ''}"
+
+
+def _particle(particle: Particle) -> str:
+    size = f"{1e3 * particle.diameter:.4g} mm"
+    if particle.smallest is not None:
+        size = f"{1e3 * particle.smallest:.4g} to {size}, uniformly distributed"
+    shape = f"sphere of {size}"
+    if particle.shape is not None:
+        shape = f"rigid clump of {len(particle.radii)} spheres, {size} across"
+    density = "" if particle.density is None else f"{particle.density:.4g} kg/m³ over its volume, "
+    mass = f"{1e3 * particle.mass:.3g} g"
+    return f"particle {particle.name}, a {shape} and {mass}, {density}of {_material(particle.material)}"
+
+
+def _material(material: Material) -> str:
+    return (
+        f"{material.name} ({material.density:.4g} kg/m³, Young's modulus {material.youngs_modulus / 1e9:.4g} GPa, "
+        f"Poisson's ratio {material.poisson_ratio:.3g})"
+    )
+
+
+def _repetitions(outcome: Outcome) -> Iterator[str]:
+    experiment, found = outcome.experiment, outcome.measurements
+    if found:
+        kinds = Counter(kind for item in found for kind in _media_of(experiment, item))
+        media = " and ".join(_counted(kind, number) for kind, number in kinds.items())
+        yield f"{_number(len(found), 'repetition')} measured from {media}{_rates(outcome)}{_scales(found)}."
+    if outcome.failures:
+        names = ", ".join(one.source.name for one in outcome.failures)
+        yield f"{_number(len(outcome.failures), 'repetition')} not measurable and left out ({names})."
+    for file, why in experiment.rejected.items():
+        yield f"{file.name} was rejected: {why}."
+
+
+def _number(number: int, what: str) -> str:
+    return f"{number} {what}{'s were' if number > 1 else ' was'}"
+
+
+def _counted(kind: str, number: int) -> str:
+    return f"{number} {_MEDIA[kind] if number > 1 else _MEDIA[kind].replace('s of', ' of').removesuffix('s')}"
+
+
+def _media_of(experiment: Experiment, item: Measurement) -> list[str]:
+    """The kind of each medium of a repetition."""
+    views = next((views for views in experiment.repetitions if views[0] == item.source), (item.source,))
+    if item.table:
+        return ["table"] * len(views)
+    photo = entry_of(experiment).is_photo(item.source)
+    return ["sound" if view.suffix.lower() in SOUNDS else "photo" if photo else "film" for view in views]
+
+
+def _views(found: Iterable[Measurement]) -> Iterator[Mapping[str, Any]]:
+    for item in found:
+        yield from item.camera.get("views") or [item.camera]
+
+
+def _rates(outcome: Outcome) -> str:
+    rates = sorted(
+        {round(float(view["frame_rate_hz"]), 3) for view in _views(outcome.measurements) if view.get("frame_rate_hz")}
+    )
+    if not rates:
+        return ""
+    own = "" if outcome.experiment.camera.frame_rate is not None else " (the rate of the file)"
+    return f" at {_listed(f'{rate:.6g}' for rate in rates)} Hz{own}"
+
+
+def _scales(found: Sequence[Measurement]) -> str:
+    scales = [1e3 * float(view["scale_m_per_px"]) for view in _views(found) if view.get("scale_m_per_px")]
+    if not scales:
+        return ""
+    low, high = f"{min(scales):.4g}", f"{max(scales):.4g}"
+    size = low if low == high else f"{low} to {high}"
+    sources = sorted({str(view["scale_from"]) for view in _views(found) if view.get("scale_from")})
+    return f", {size} mm/px{f' (from {_listed(sources)})' if sources else ''}"
+
+
+def _stated(experiment: Experiment) -> Iterator[str]:
+    if experiment.measured:
+        names = _listed(
+            f"{title(one.quantity).lower()} {reading(one.value, one.std_uncertainty, one.unit)} (n = {one.n})"
+            for one in experiment.measured
+        )
+        yield f"Stated as measured by other means: {names}."
+
+
+# ------------------------------------------------------------------------------------------------------- measurement
+
+
+def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
+    found = [(outcome, item) for outcome in comparison.outcomes for item in outcome.measurements]
+    if not found:
+        return ""
+    kinds = {kind for outcome, item in found for kind in _media_of(outcome.experiment, item)}
+    with_opencv = (
+        f", on OpenCV {versions.get('opencv-python-headless', '')} [@bradski2000]" if kinds & {"film", "photo"} else ""
+    )
+    rows = headlines(comparison.deviations)
+    results: dict[str, list[str]] = {}
+    for row in rows:
+        results.setdefault(title(row.quantity).lower(), []).append(row.method)
+    named = "; ".join(f"{name} ({', '.join(dict.fromkeys(ways))})" for name, ways in results.items())
+    parts = sorted({name for row in comparison.deviations for name in row.budget})
+    text = [
+        f"The {_listed(_MEDIA[kind] for kind in _MEDIA if kind in kinds)} were measured with rigtwin "
+        f"{versions[SOFTWARE]} [@{SOFTWARE}]{with_opencv}.",
+        f"Main results and their methods: {named}." if named else "",
+        "Each value has a standard uncertainty with a budget of named parts [@jcgm100]"
+        + (f"; here: {', '.join(part.replace('_', ' ') for part in parts)}." if parts else "."),
+        "Every ± is one standard uncertainty. The variance of a mean of n repetitions is max(s, u)²/n plus the squares "
+        "of the parts that all repetitions share, such as the scale, with the sample standard deviation s of the "
+        "repetitions and the root mean square u of their own random parts. Values that failed a check are doubtful and "
+        "left out of a mean that has others.",
+        *_priors(comparison),
+    ]
+    return " ".join(filter(None, text))
+
+
+def _priors(comparison: Comparison) -> Iterator[str]:
+    """What was known beforehand of the scatter, for the results in whose uncertainty it counts."""
+    known: dict[str, list[str]] = {}
+    experiments = {outcome.experiment.id: outcome.experiment for outcome in comparison.outcomes}
+    for row in headlines(comparison.deviations):
+        if row.scatter is None:
+            continue
+        prior = known_scatter(experiments[row.experiment], row.quantity)
+        freedom = "known exactly" if math.isinf(prior.freedom) else f"{prior.freedom:.2g} degrees of freedom"
+        words = f"{title(row.quantity).lower()} {100 * prior.relative:.2g} % ({freedom})"
+        known.setdefault(prior.source, []).append(words)
+    if not known:
+        return
+    each = "; ".join(f"{', '.join(dict.fromkeys(words))} from {_source(where)}" for where, words in known.items())
+    yield (
+        "The relative standard deviation from repetition to repetition has a scaled inverse chi-squared prior "
+        f"[@gelman2013]: {each}. With it s² becomes (d₀ s₀² + (n − 1) s²)/(d₀ + n − 1), s₀ and d₀ being standard "
+        "deviation and degrees of freedom of the prior"
+        + (", which are those of the published cells [@smyth2004]." if _published(known) else ".")
+    )
+
+
+def _published(sources: Iterable[str]) -> bool:
+    return any(source.startswith(hlosta2020.CITATION) for source in sources)
+
+
+def _source(where: str) -> str:
+    """The origin of a prior, a publication cited by its key."""
+    if not where.startswith(hlosta2020.CITATION):
+        return where
+    return f"[@hlosta2020]{where.removeprefix(hlosta2020.CITATION)}"
+
+
+# -------------------------------------------------------------------------------------------------------- simulation
+
+
+def _simulation(comparison: Comparison) -> str:
+    twins = [(outcome, _run(outcome)) for outcome in comparison.outcomes if _run(outcome)]
+    if not twins:
+        return ""
+    own = [run for _, runs in twins for run in runs if not _other_code(run)]
+    effects = comparison.lab.model.effects
+    parts = [" ".join(_laws(own))] if own else []
+    parts += [_twin(outcome, runs, effects) for outcome, runs in twins]
+    without = [f"`{one.experiment.id}` ({one.without_twin})" for one in comparison.outcomes if one.without_twin]
+    if without:
+        parts.append(f"Without a twin: {'; '.join(without)}.")
+    parts += _acting(own, effects)
+    return "\n\n".join(parts)
+
+
+def _run(outcome: Outcome) -> list[Twin]:
+    """The runs of the twin that are compared."""
+    return [] if outcome.without_twin else [twin for twin in outcome.twins if not twin.failed]
+
+
+def _other_code(twin: Twin) -> str:
+    return str(twin.settings.get("engine", {}).get("computed_by", ""))
+
+
+def _laws(twins: Sequence[Twin]) -> Iterator[str]:
+    """The laws that the twins have in common."""
+    devices = _listed(sorted({str(twin.settings["engine"]["device"]).upper() for twin in twins}))
+    yield (
+        f"The twins are simulated by the discrete element method [@cundall1979] in rigtwin [@{SOFTWARE}], written in "
+        f"Taichi [@hu2019], on the {devices}; gravity is {GRAVITY:g} m/s²."
+    )
+    laws = {numerics.get("contact_law", "") for numerics in map(_numerics, twins)} - {""}
+    if "Hertz-Mindlin" in laws:
+        yield (
+            "Contacts follow Hertz's law with a tangential spring after Mindlin, stored from the beginning of the "
+            "contact and limited by Coulomb friction [@mindlin1953; @hlosta2020]."
+        )
+    for law in sorted(laws - {"Hertz-Mindlin"}):
+        yield f"Contact law: {law}."
+    yield (
+        "The damping of a contact, which allows no tension, is the one that gives the stated restitution at any impact "
+        "speed [@schwager2007; @antypov2011]."
+    )
+    for rolling in sorted({numerics.get("rolling_resistance", "") for numerics in map(_numerics, twins)} - {""}):
+        yield f"Rolling resistance: {_symbols(rolling)} [@ai2011; @hlosta2020]."
+
+
+def _symbols(words: str) -> str:
+    return words.replace("mu_r Fn R", "μᵣ Fₙ R")
+
+
+def _numerics(twin: Twin) -> Mapping[str, str]:
+    found: Mapping[str, str] = twin.settings.get("numerics", {})
+    return found
+
+
+def _twin(outcome: Outcome, runs: Sequence[Twin], effects: Mapping[str, Any]) -> str:
+    first = runs[0]
+    name, settings = outcome.experiment.id, first.settings
+    contacts = "; ".join(
+        f"{pair.replace('-', '–', 1)} {_coefficients(outcome.experiment, contact)}"
+        for pair, contact in settings["contacts"].items()
+    )
+    said = [f"Twin of `{name}`: {_size(outcome, runs)}contacts {contacts}"]
+    if by := _other_code(first):
+        said = [f"Twin of `{name}`, computed by {by}: {_size(outcome, runs)}contacts {contacts}"]
+    numerics = _numerics(first)
+    if stiffness := numerics.get("stiffness_factor"):
+        said.append(f"stiffness factor: {stiffness}")
+    step = settings.get("statistics", {}).get("time_step_s")
+    if step or "time_step" in numerics:
+        size = f"{1e6 * step:.4g} µs" if step else ""
+        said.append("time step: " + ", ".join(filter(None, (size, numerics.get("time_step", "").replace("um", "µm")))))
+    if "effects" in numerics:
+        said.append(f"effects: {numerics['effects']}")
+    starts = [
+        f"{title(quantity).lower()} as {'measured (the mean)' if source == 'measured' else 'stated'}"
+        for quantity, source in first.set_from.items()
+    ]
+    if starts:
+        said.append(f"started from the {_listed(starts)}")
+    return "; ".join(said) + "."
+
+
+def _coefficients(experiment: Experiment, contact: Mapping[str, float]) -> str:
+    needed = entry_of(experiment).needed(experiment)
+    return ", ".join(f"{name.replace('_', ' ')} {contact[name]:.4g}" for name in needed)
+
+
+def _size(outcome: Outcome, runs: Sequence[Twin]) -> str:
+    """Runs, seeds and particles of a twin of many particles."""
+    if not entry_of(outcome.experiment).many_particles:
+        seed = runs[0].settings.get("seed")
+        return "" if seed is None else f"seed {seed}; "
+    seeds = [str(run.settings.get("seed")) for run in runs]
+    number = _listed(dict.fromkeys(str(_particles(run)) for run in runs))
+    s = "s" if len(runs) > 1 else ""
+    return f"{len(runs)} run{s} (seed{s} {_listed(seeds)}) of {number} particles; "
+
+
+def _particles(run: Twin) -> int | str:
+    return next((run.settings[key] for key in ("placed", "count", "asked") if key in run.settings), "?")
+
+
+def _acting(twins: Sequence[Twin], effects: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """The effects that act in a twin, with their parameters and sources."""
+    from rigtwin.sim.effects import named
+
+    names = {name for twin in twins for name in _numerics(twin).get("effects", "").split(", ") if name}
+    for name, values in effects.items():
+        if name.replace("_", " ") not in names:
+            continue
+        effect = named(name)
+        keys = "; ".join(f"@{key}" for key in cited(effect.source))
+        numbers = ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
+        yield (
+            f"Effect {effect.title}: {effect.equation}{f', with {numbers} (SI)' if numbers else ''} "
+            f"{f'[{keys}]' if keys else f'({effect.source})'}."
+        )
+
+
+# -------------------------------------------------------------------------------------------------------- comparison
+
+
+def _comparison(comparison: Comparison) -> str:
+    compared = [row for row in comparison.deviations if row.z is not None]
+    if not compared:
+        return ""
+    given = any(row.verdict in ("set equal", "differs from the setting") for row in compared)
+    text = [
+        "Records of experiment and twin are evaluated by the same functions. The deviation is 100 (simulated − "
+        "measured) / measured, in percent, and z the difference over its standard uncertainty, with effective degrees "
+        "of freedom by equation G.2b of the guide [@jcgm100]. Twin and experiment differ where |z| exceeds the factor "
+        f"of Student's t for {100 * SURE:g} %, probably differ where it exceeds that for 95 %, and agree where it does "
+        f"not and the 95 % interval of the deviation is at most ±{UNINFORMATIVE:g} %; otherwise the data do not tell.",
+        "The uncertainty of the twins' parameters is not included.",
+        "Quantities that are an input of the twin are not a test of it." if given else "",
+        comparison.headline[:1].upper() + comparison.headline[1:],
+    ]
+    return " ".join(filter(None, text))
+
+
+def _software(versions: Mapping[str, str]) -> str:
+    names = {"python": "Python", "opencv-python-headless": "OpenCV", "av": "PyAV"}
+    return f"Versions: {', '.join(f'{names.get(name, name)} {version}' for name, version in versions.items())}."
+
+
+# -------------------------------------------------------------------------------------------------------------- text
+
+
+def _listed(words: Iterable[str]) -> str:
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _keys(group: str) -> list[str]:
+    """Keys of a group of citations; what looks like one in a name of the lab is none."""
+    return [key for key in (one.strip("@ ") for one in group.split(";")) if key in references()]
+
+
+def _as_html(text: str) -> str:
+    """A paragraph as HTML: names as code, citations as links to the list of references."""
+
+    def links(found: re.Match[str]) -> str:
+        keys = _keys(found[1])
+        shown = "; ".join(f'<a href="#ref-{key}">{escape(reference(key).short)}</a>' for key in keys)
+        return f"({shown})" if keys else found[0]
+
+    return _CITATION.sub(links, re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text)))
