@@ -50,7 +50,8 @@ class Methods:
     def markdown(self) -> str:
         """The whole text, its list of references at the end."""
         parts = ["# Methods", *(f"## {heading}\n\n{text}" for heading, text in self.paragraphs), "## References"]
-        return "\n\n".join(parts) + "\n\n" + "\n".join(f"- `{one.key}`: {one.in_words}" for one in self.cited) + "\n"
+        listed = [f"- `{one.key}`: {one.in_words} {one.address}".rstrip() for one in self.cited]
+        return "\n\n".join([*parts, "\n".join(listed)]) + "\n"
 
     @property
     def html(self) -> list[tuple[str, list[str]]]:
@@ -247,35 +248,26 @@ def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
 
 def _priors(comparison: Comparison) -> Iterator[str]:
     """What was known beforehand of the scatter, for the results in whose uncertainty it counts."""
-    known: dict[str, list[str]] = {}
+    known: dict[str, None] = {}
+    published = False
     experiments = {outcome.experiment.id: outcome.experiment for outcome in comparison.outcomes}
     for row in headlines(comparison.deviations):
         if row.scatter is None:
             continue
         prior = known_scatter(experiments[row.experiment], row.quantity)
+        published = published or prior.source.startswith(hlosta2020.CITATION)
         freedom = "known exactly" if math.isinf(prior.freedom) else f"{prior.freedom:.2g} degrees of freedom"
-        words = f"{title(row.quantity).lower()} {100 * prior.relative:.2g} % ({freedom})"
-        known.setdefault(prior.source, []).append(words)
+        where = prior.source.removeprefix(hlosta2020.CITATION).strip(", ")
+        known[f"{title(row.quantity).lower()} {100 * prior.relative:.2g} % ({freedom}; {where})"] = None
     if not known:
         return
-    each = "; ".join(f"{', '.join(dict.fromkeys(words))} from {_source(where)}" for where, words in known.items())
     yield (
         "The relative standard deviation from repetition to repetition has a scaled inverse chi-squared prior "
-        f"[@gelman2013]: {each}. With it s² becomes (d₀ s₀² + (n − 1) s²)/(d₀ + n − 1), s₀ and d₀ being standard "
-        "deviation and degrees of freedom of the prior"
-        + (", which are those of the published cells [@smyth2004]." if _published(known) else ".")
+        f"[@gelman2013]: {'; '.join(known)}."
+        + (" Scatter from tables is that of published repetitions [@hlosta2020; @smyth2004]." if published else "")
+        + " With it s² becomes (d₀ s₀² + (n − 1) s²)/(d₀ + n − 1), s₀ and d₀ being standard deviation and degrees of "
+        "freedom of the prior."
     )
-
-
-def _published(sources: Iterable[str]) -> bool:
-    return any(source.startswith(hlosta2020.CITATION) for source in sources)
-
-
-def _source(where: str) -> str:
-    """The origin of a prior, a publication cited by its key."""
-    if not where.startswith(hlosta2020.CITATION):
-        return where
-    return f"[@hlosta2020]{where.removeprefix(hlosta2020.CITATION)}"
 
 
 # -------------------------------------------------------------------------------------------------------- simulation

@@ -59,14 +59,13 @@ class Reference:
         where = " ".join(filter(None, (has.get("journal", ""), has.get("volume", "") + number)))
         where = ", ".join(filter(None, (where, has.get("pages", ""))))
         report = has.get("number") if "institution" in has else None
-        made = (_edition(has), *(has.get(name) for name in ("publisher", "institution", "howpublished", "version")))
-        place = where or ", ".join(filter(None, (*made, report)))
-        doi = f" doi:{has['doi']}" if "doi" in has else ""
-        return f"{', '.join(names)}, {has['title']}. {place} ({has['year']}).{doi}"
+        made = (_edition(has), has.get("publisher"), has.get("howpublished"), has.get("version"), report)
+        place = where or ", ".join(filter(None, made))
+        return f"{', '.join(names)}, {has['title']}. {place} ({has['year']})."
 
     @property
     def address(self) -> str:
-        """Where it is found, empty if it has no DOI."""
+        """Where it is found; empty if it has no DOI."""
         return f"https://doi.org/{self.fields['doi']}" if "doi" in self.fields else ""
 
 

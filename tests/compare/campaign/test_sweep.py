@@ -150,10 +150,10 @@ def test_axes_of_figures_have_units(rig, stated, text, label, ticks):
     (heat_map,) = figures([first, second], rows, grid=True).values()
     (panels,) = figures([first, second], rows, grid=False).values()
     for drawing in (heat_map, panels):
-        assert f">{label}<" in drawing
-        assert ">Bed height, tops / mm<" in drawing
-        assert ">static friction<" in drawing
-    assert f">{ticks}<" in heat_map
+        assert f">{label}<" in drawing.svg
+        assert ">Bed height, tops / mm<" in drawing.svg
+        assert ">static friction<" in drawing.svg
+    assert f">{ticks}<" in heat_map.svg
 
 
 def drawn_row(quantity, method="tops", unit="1", simulated=0.5, **more):
@@ -175,13 +175,13 @@ def test_each_figure_has_a_name_of_its_own(bed):
         )
     ]
     assert list(figures(varied, rows, grid=True)) == [
-        "sweep-bed-height-line-10-90.svg",
-        "sweep-restitution-wall-height-bounce-1.svg",
-        "sweep-restitution-wall-height-bounce-2.svg",
-        "sweep-mass-flow-tops-kg-s.svg",
-        "sweep-mass-flow-tops-1-s.svg",
-        "sweep-share-5-1.svg",
-        "sweep-share-5-1-2.svg",
+        "sweep-bed-height-line-10-90",
+        "sweep-restitution-wall-height-bounce-1",
+        "sweep-restitution-wall-height-bounce-2",
+        "sweep-mass-flow-tops-kg-s",
+        "sweep-mass-flow-tops-1-s",
+        "sweep-share-5-1",
+        "sweep-share-5-1-2",
     ]
 
 
@@ -197,7 +197,7 @@ def test_a_sweep_of_a_rig_writes_a_table_and_a_heat_map_and_runs_nothing_twice(t
     assert len(beds) == 4
     rough, smooth = beds.loc[beds["static_friction"].idxmax()], beds.loc[beds["static_friction"].idxmin()]
     assert rough["simulated"] > smooth["simulated"]
-    assert "<svg" in (tmp_path / "sweep-bed-height-surface-bead-tops.svg").read_text()
+    assert "<svg" in (tmp_path / "figures" / "sweep-bed-height-surface-bead-tops.svg").read_text()
     monkeypatch.setattr("rigtwin.compare.campaign.runners.spawned", lambda *_: pytest.fail("something was run"))
     assert run(["sweep", "packing", *BED, *vary, "--json", "--out", str(tmp_path)]) == 0
     assert json.loads(capsys.readouterr().out)["runs"] == 4

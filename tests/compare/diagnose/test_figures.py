@@ -104,9 +104,10 @@ def test_the_command_writes_the_figures_beside_the_page(tmp_path):
     lab = write_pendulums(tmp_path / "lab")
     result = CliRunner().invoke(app, ["diagnose", str(lab), "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
-    written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {f"diagnosis-{name}.svg" for name in ("residual", "amplitude", "overview")} <= written
-    assert {"diagnosis-residual.csv", "diagnosis-amplitude.csv", "diagnosis.html", "model.toml"} <= written
+    written = {path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*")}
+    names = [f"figures/diagnosis-{name}" for name in ("residual", "amplitude", "overview")]
+    assert {f"{name}.{ending}" for name in names for ending in ("svg", "png", "csv")} <= written
+    assert {"diagnosis.html", "model.toml"} <= written
     document = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert document["strained"] == []
     assert "Strained calibration" not in (tmp_path / "out" / "diagnosis.html").read_text()
