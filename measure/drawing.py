@@ -113,12 +113,14 @@ def save_picture(path: Path, picture: Image) -> None:
 
 
 def save_plot(path: Path, figure: Figure, *, trimmed: bool = True) -> None:
-    """Write a matplotlib figure; the file extension sets the format.
+    """Write a matplotlib figure; the file extension sets the format, in which text stays text.
 
     `trimmed` removes the white border, which takes as long as drawing; not needed for a figure with set margins.
     """
+    import matplotlib
+
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as part:
+    with replacing(path) as part, matplotlib.rc_context({"svg.fonttype": "none"}):
         figure.savefig(part, format=path.suffix.lstrip("."), bbox_inches="tight" if trimmed else None)
 
 

@@ -268,6 +268,40 @@ def test_the_report_opens_offline_and_fetches_nothing(page, out):
     assert "<svg" in page
 
 
+def test_every_figure_of_the_page_is_a_drawing_a_bitmap_and_a_table_and_stands_in_the_provenance(out, page):
+    figures = json.loads((out / "provenance.json").read_text())["figures"]
+    names = [Path(one["files"][0]).stem for one in figures]
+    assert names == ["deviations", "pair-1-angle-of-bead-A", "pair-1-angle-of-bead-B"]
+    listed = {name for one in figures for name in one["files"]}
+    assert listed == {f"figures/{name}.{kind}" for name in names for kind in ("svg", "png", "csv")}
+    on_disk = {path.relative_to(out).as_posix() for path in (out / "figures").iterdir()}
+    assert on_disk == listed | {"figures/report-captions.csv"}
+    assert listed <= set(Page(page).addresses)
+    angles = rows_of(out / "figures" / "pair-1-angle-of-bead-B.csv")
+    highest = max(float(row["angle_from_the_vertical_deg"]) for row in angles if row["side"] == "twin")
+    rebound = row_of(rows_of(out / "deviations.csv"), quantity="rebound_angle", body="B")
+    assert highest == pytest.approx(float(rebound["simulated"]), rel=0.01)
+
+
+def test_the_methods_text_is_that_of_this_run(out, page):
+    text = (out / "methods.md").read_text(encoding="utf-8")
+    made = json.loads((out / "provenance.json").read_text())
+    (twin,) = made["twins"]["pair/1"]
+    assert "`pair/1` (pendulum, double): particle bead, a sphere of 12 mm" in text
+    assert "760 kg/m³ over its volume" in text
+    assert "length 200 mm" in text
+    assert "2 repetitions were measured from 2 tables of tracked data" in text
+    assert "1 repetition was not measurable and left out (nothing.csv)" in text
+    assert f"restitution {twin['contacts']['bead-bead']['restitution']:g}" in text
+    assert "started from the release angle as measured" in text
+    assert "Not stated by the lab" in text, "the wood is that of the paper"
+    assert "OpenCV Library" not in text, "tables of tracked data need none"
+    for name in ("rigtwin", "python", "taichi", "numpy"):
+        assert made["versions"][name] in text
+    assert (out / "references.bib").read_text(encoding="utf-8").count("@") == text.count("\n- `")
+    assert "started from the release angle as measured" in page
+
+
 def test_names_from_the_lab_file_cannot_break_the_page(page):
     assert "Ash &lt;beads&gt; &amp; steel" in page
     assert "<beads>" not in page

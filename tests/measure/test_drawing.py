@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from rigtwin.measure.drawing import draw_caption, draw_text
+from rigtwin.measure.drawing import draw_caption, draw_text, save_plot
 
 
 def inked(picture):
@@ -46,3 +47,10 @@ def test_text_wider_than_the_picture_or_outside_raises_no_error():
     draw_text(untouched, "here", (float("nan"), 3))
     draw_text(untouched, "", (3, 3))
     assert (untouched == 90).all()
+
+
+def test_the_text_of_a_plot_is_text(tmp_path):
+    figure = Figure()
+    figure.add_subplot().set_xlabel("time / s")
+    save_plot(tmp_path / "plot.svg", figure)
+    assert ">time / s</text>" in (tmp_path / "plot.svg").read_text(encoding="utf-8")
