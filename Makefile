@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo docs test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-verdicts bench-review faults fuzz clean
+.PHONY: demo docs test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-verdicts bench-review release-check faults fuzz clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -110,6 +110,10 @@ bench-verdicts: $(READY)
 # where Chromium is installed; a minute
 bench-review: $(READY)
 	$(BIN)/python benchmarks/review/page_speed.py
+
+# wheel and source archive installed outside the repository, under each Python of 3.11 to 3.13 that is here; ten minutes
+release-check: $(READY)
+	$(BIN)/python benchmarks/release.py
 
 # SEED=7 COUNT=10 make faults: 60 kills and 24 double Ctrl-C of six commands, a full disk, two runs in one folder; half an hour
 faults: $(READY)

@@ -39,7 +39,6 @@ app = typer.Typer(
     name="rigtwin",
     help="Measure granular materials from videos and photos, simulate the same rigs, set the two side by side.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help pages: typer's decorated ones take twice as long to show
 )
@@ -89,8 +88,8 @@ def demo(*, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, runs: Runs
     lab = Path(__file__).parent / "sample_media"
     if not (lab / "lab.toml").is_file():
         raise BadInput(
-            f"{lab}: the sample media are not here; they come with the source repository, not with the installed "
-            "package: run the demo from a clone, or `rigtwin compare LAB` on a lab folder of your own."
+            f"{lab}: the sample media are missing from this installation; install rigtwin again, or run `rigtwin compare "
+            "LAB` on a lab folder of your own."
         )
     from rigtwin.compare.compare_lab import compare as compare_lab
 

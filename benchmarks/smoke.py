@@ -67,6 +67,7 @@ SCRIPTS = (
     Script("calibrate_search", 4, "calibrate/search_cost.py"),
     Script("bench-drum-moments", 35, "measure/drum_moments.py"),
     Script("bench-verdicts", 20, "compare/verdict_rates.py"),
+    Script("release", 1, "release.py"),
 )
 
 
