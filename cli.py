@@ -88,8 +88,8 @@ def demo(*, out: DemoOut = None, count: Count = 1000, seed: Seed = 1, runs: Runs
     lab = Path(__file__).parent / "sample_media"
     if not (lab / "lab.toml").is_file():
         raise BadInput(
-            f"{lab}: the sample media are missing from this installation; install rigtwin again, or run `rigtwin compare "
-            "LAB` on a lab folder of your own."
+            f"{lab}: the sample media are missing from this installation; install rigtwin again, or run "
+            "`rigtwin compare LAB` on a lab folder of your own."
         )
     from rigtwin.compare.compare_lab import compare as compare_lab
 

@@ -2,9 +2,9 @@
 
     python benchmarks/release.py [--python 3.12 ...] [--count 400]
 
-Both are built with uv from a copy of the tree.  For each Python a new virtual environment gets the wheel (the first one
-also the source archive) with its dependencies from the package index, and runs `rigtwin --version`, `doctor`, `demo` and
-the completion of a command, in a folder with a space in its path.  A Python that uv does not find is skipped.
+Both are built with uv from a copy of the tree.  For each Python a new virtual environment gets the wheel (for the first
+one another gets the source archive) with its dependencies from the package index, and runs `--help`, `doctor`, `demo`
+and the completion of a command, in a folder with a space in its path.  A Python that uv does not find is skipped.
 """
 
 from __future__ import annotations

@@ -136,6 +136,29 @@ def test_help_loads_nothing_heavy():
         assert HEAVY.isdisjoint(loaded.split())
 
 
+@pytest.mark.parametrize(
+    ("typed", "meant"), [("rigtwin simu", "simulate"), ("rigtwin compare --stiff", "--stiffness-factor")]
+)
+def test_the_shell_completes_commands_and_options_and_loads_nothing_heavy(typed, meant):
+    code = (
+        "import atexit, sys; atexit.register(lambda: print('\\nLOADED', *sorted(sys.modules)));"
+        "from rigtwin.cli import run; sys.exit(run([]))"
+    )
+    asked = {"_RIGTWIN_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True, check=True
+    )
+    found, _, loaded = done.stdout.partition("LOADED")
+    assert found.split() == [meant]
+    assert HEAVY.isdisjoint(loaded.split())
+
+
+def test_the_completion_of_a_shell_is_shown(capfd):
+    with pytest.raises(SystemExit, match=r"^0$"):
+        run(["--show-completion"])
+    assert "_RIGTWIN_COMPLETE" in capfd.readouterr().out
+
+
 SINGLE = (
     "demo",
     "init",
@@ -248,7 +271,7 @@ def test_a_lab_whose_only_repetition_shows_no_bounce_is_refused_by_name(tmp_path
 
 def test_the_demo_without_its_sample_media_says_where_they_are(tmp_path, monkeypatch, capfd):
     monkeypatch.setattr("rigtwin.cli.__file__", str(tmp_path / "cli.py"))
-    refused(["demo"], capfd, "sample_media", "source repository")
+    refused(["demo"], capfd, "sample_media", "install rigtwin again")
 
 
 def test_an_unknown_experiment_is_refused_with_the_known_ones(tmp_path, capfd):

@@ -1,6 +1,8 @@
 """The wheel carries every folder of the package and nothing else; arrows between the rooms run one way."""
 
 import ast
+import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -8,6 +10,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+
+from rigtwin.lab.file.lab_file import read_lab
+from rigtwin.lab.reference.bibliography import reference
+from rigtwin.lab.version import __version__
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("lab", "measure", "sim", "compare", "review", "commands")
@@ -55,7 +61,35 @@ def test_every_data_file_inside_the_rooms_is_packaged():
         for path in (ROOT / room).rglob("*")
         if path.is_file() and path.suffix not in {".py", ".pyc"}
     }
-    assert on_disk == packaged
+    assert on_disk == packaged - set(media_of_the_demo())
+
+
+def media_of_the_demo():
+    return [path for pattern in SETUPTOOLS["package-data"]["rigtwin"] for path in ROOT.glob(pattern)]
+
+
+def test_the_wheel_has_what_the_demo_measures_in_at_most_three_megabytes(tmp_path):
+    media = media_of_the_demo()
+    assert sum(path.stat().st_size for path in media) <= 3e6
+    for path in media:
+        (tmp_path / path.relative_to(ROOT)).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, tmp_path / path.relative_to(ROOT))
+    packed, whole = (read_lab(folder / "sample_media") for folder in (tmp_path, ROOT))
+    assert [one.id for one in packed.experiments] == [one.id for one in whole.experiments]
+    assert [len(one.repetitions) for one in packed.experiments] == [2, 2, 1]
+    assert [len(one.repetitions) for one in whole.experiments] == [3, 2, 1]
+    assert len(packed.experiments[2].repetitions[0]) == 4
+
+
+def test_the_citation_file_is_that_of_this_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    keys = dict(re.findall(r"^([\w-]+): *(.*)$", text, re.MULTILINE))
+    assert {"cff-version", "message", "title", "authors", "version", "license"} <= set(keys)  # what the format demands
+    assert keys["version"] == __version__
+    assert keys["title"].strip('"') == reference("rigtwin").fields["title"]
+    assert reference("hlosta2020").fields["doi"] in text
+    for last, first in reference("hlosta2020").authors:
+        assert f"family-names: {last}\n        given-names: {first}\n" in text
 
 
 @pytest.mark.parametrize("room", ROOMS)
