@@ -162,16 +162,21 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
+def versions(libraries: Iterable[str] = LIBRARIES) -> dict[str, str]:
+    """Versions of rigtwin, Python and libraries."""
+    found = {"rigtwin": __version__, "python": platform.python_version()}
+    for library in libraries:
+        try:
+            found[library] = metadata.version(library)
+        except metadata.PackageNotFoundError:  # a checkout on the path without an install
+            found[library] = "unknown"
+    return found
+
+
 def surroundings() -> dict[str, Any]:
     """Versions, machine and command line of the run."""
-    versions = {"rigtwin": __version__, "python": platform.python_version()}
-    for library in LIBRARIES:
-        try:
-            versions[library] = metadata.version(library)
-        except metadata.PackageNotFoundError:  # a checkout on the path without an install
-            versions[library] = "unknown"
     return {
-        "versions": versions,
+        "versions": versions(),
         "platform": {
             "system": platform.platform(),
             "machine": platform.machine(),

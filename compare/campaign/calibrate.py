@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare import result_files
 from rigtwin.compare.campaign.calibration import Calibration, calibration_of
 from rigtwin.compare.campaign.calibration_figures import figures
+from rigtwin.compare.campaign.calibration_methods import LIBRARIES, methods
 from rigtwin.compare.campaign.campaign import Campaign
 from rigtwin.compare.campaign.next_experiment import next_experiments, runs_needed
 from rigtwin.compare.campaign.posterior import Parameter, Target
@@ -213,7 +214,8 @@ def calibrate_lab(
             calibration = _with_next_experiments(calibration, search, found, campaign, progress)
     calibration = replace(calibration, remarks=(*left_out, *calibration.remarks))
     drawn = figures(calibration)
-    page = filled("calibration.html", found=calibration, figures=drawn, title=title)
+    text = methods(calibration, result_files.versions(LIBRARIES))
+    page = filled("calibration.html", found=calibration, figures=drawn, title=title, methods=text)
     drawings = figure_files("calibration", drawn.values())
     contents = {
         "posterior.csv": result_files.table(
@@ -222,6 +224,7 @@ def calibrate_lab(
         ),
         "model.toml": model_text(calibration.model),
         "calibration.html": page,
+        **text.files("calibration"),
     }
     calibration.files.update({name: out / name for name in (*contents, "calibration.json", result_files.FIGURES)})
     document = result_files.document(calibration.to_json())

@@ -15,6 +15,7 @@ from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
 from rigtwin.compare.diagnose.data.read_lab_json import read_tracked_lab
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, diagnose
+from rigtwin.compare.diagnose.diagnosis_methods import LIBRARIES, bulk_methods, methods
 from rigtwin.compare.diagnose.figures import figures
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.page import page
@@ -97,9 +98,11 @@ def diagnose_folder(
         diagnosis = diagnose(lab, effects, progress)
         model, drawn = model_of(diagnosis), figures(diagnosis)
         remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
+        text = methods(diagnosis, result_files.versions(LIBRARIES))
         contents = {
             "diagnosis.json": result_files.document(diagnosis.to_json()),
-            "diagnosis.html": page(diagnosis, drawn),
+            "diagnosis.html": page(diagnosis, drawn, text),
+            **text.files("diagnosis"),
             "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(model),
             **figure_files("diagnosis", drawn.values()),
         }
@@ -123,9 +126,11 @@ def _diagnose_bulk(
         found = diagnose_bulk(lab, store, progress, seed=seed, workers=workers, cluster=cluster)
         drawn = bulk_figure(found)
         remarks = [f"left out: {reason}" for reason in not_in_the_model(found)]
+        text = bulk_methods(found, result_files.versions(LIBRARIES))
         contents = {
             "diagnosis.json": result_files.document(found.to_json()),
-            "diagnosis.html": bulk_page(found, drawn),
+            "diagnosis.html": bulk_page(found, drawn, text),
+            **text.files("diagnosis"),
             "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(found.model),
             **figure_files("diagnosis", [drawn]),
         }

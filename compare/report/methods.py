@@ -1,26 +1,24 @@
 """The methods text of a comparison: what was measured, how the twins were run and how both were compared.
 
 Every number in it is one of this run: of lab.toml, the measurements, the settings of the twins, or the versions of
-the programs.  `Methods.markdown` is in Pandoc's Markdown, whose ``[@key]`` refer to ``references.bib``.
+the programs.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.chosen import known_scatter
 from rigtwin.compare.deviation import SURE, UNINFORMATIVE, headlines
+from rigtwin.compare.report.methods_text import Methods, listed, software
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import reading, title
 from rigtwin.lab.media_files import SOUNDS
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.reference.bibliography import SOFTWARE, Reference, bibtex, cited, reference, references
+from rigtwin.lab.reference.bibliography import SOFTWARE, cited
 from rigtwin.lab.rigs import GRAVITY
 
 if TYPE_CHECKING:
@@ -30,38 +28,7 @@ if TYPE_CHECKING:
     from rigtwin.lab.materials import Material, Particle
     from rigtwin.lab.quantity import Measurement
 
-_CITATION = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
 _MEDIA = {"film": "films", "photo": "photos", "table": "tables of tracked data", "sound": "sound recordings"}
-
-
-@dataclass(frozen=True)
-class Methods:
-    """Paragraphs with their headings, in Markdown."""
-
-    paragraphs: tuple[tuple[str, str], ...]
-
-    @property
-    def cited(self) -> list[Reference]:
-        """The references in the order in which the text cites them."""
-        found = [key for _, text in self.paragraphs for group in _CITATION.findall(text) for key in _keys(group)]
-        return [reference(key) for key in dict.fromkeys(found)]
-
-    @property
-    def markdown(self) -> str:
-        """The whole text, its list of references at the end."""
-        parts = ["# Methods", *(f"## {heading}\n\n{text}" for heading, text in self.paragraphs), "## References"]
-        listed = [f"- `{one.key}`: {one.in_words} {one.address}".rstrip() for one in self.cited]
-        return "\n\n".join([*parts, "\n".join(listed)]) + "\n"
-
-    @property
-    def html(self) -> list[tuple[str, list[str]]]:
-        """Each heading with its paragraphs as HTML."""
-        return [(heading, [_as_html(part) for part in text.split("\n\n")]) for heading, text in self.paragraphs]
-
-    @property
-    def bibtex(self) -> str:
-        """The content of ``references.bib``."""
-        return bibtex([one.key for one in self.cited])
 
 
 def methods(comparison: Comparison, versions: Mapping[str, str]) -> Methods:
@@ -87,7 +54,7 @@ def methods(comparison: Comparison, versions: Mapping[str, str]) -> Methods:
                 ("Measurement", _measurement(comparison, versions)),
                 ("Simulation", _simulation(comparison)),
                 ("Comparison", _comparison(comparison)),
-                ("Software", _software(versions)),
+                ("Software", software(versions)),
             )
             if text
         )
@@ -192,7 +159,7 @@ def _rates(outcome: Outcome) -> str:
     if not rates:
         return ""
     own = "" if outcome.experiment.camera.frame_rate is not None else " (the rate of the file)"
-    return f" at {_listed(f'{rate:.6g}' for rate in rates)} Hz{own}"
+    return f" at {listed(f'{rate:.6g}' for rate in rates)} Hz{own}"
 
 
 def _scales(found: Sequence[Measurement]) -> str:
@@ -202,12 +169,12 @@ def _scales(found: Sequence[Measurement]) -> str:
     low, high = f"{min(scales):.4g}", f"{max(scales):.4g}"
     size = low if low == high else f"{low} to {high}"
     sources = sorted({str(view["scale_from"]) for view in _views(found) if view.get("scale_from")})
-    return f", {size} mm/px{f' (from {_listed(sources)})' if sources else ''}"
+    return f", {size} mm/px{f' (from {listed(sources)})' if sources else ''}"
 
 
 def _stated(experiment: Experiment) -> Iterator[str]:
     if experiment.measured:
-        names = _listed(
+        names = listed(
             f"{title(one.quantity).lower()} {reading(one.value, one.std_uncertainty, one.unit)} (n = {one.n})"
             for one in experiment.measured
         )
@@ -232,7 +199,7 @@ def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
     named = "; ".join(f"{name} ({', '.join(dict.fromkeys(ways))})" for name, ways in results.items())
     parts = sorted({name for row in comparison.deviations for name in row.budget})
     text = [
-        f"The {_listed(_MEDIA[kind] for kind in _MEDIA if kind in kinds)} were measured with rigtwin "
+        f"The {listed(_MEDIA[kind] for kind in _MEDIA if kind in kinds)} were measured with rigtwin "
         f"{versions[SOFTWARE]} [@{SOFTWARE}]{with_opencv}.",
         f"Main results and their methods: {named}." if named else "",
         "Each value has a standard uncertainty with a budget of named parts [@jcgm100]"
@@ -299,7 +266,7 @@ def _other_code(twin: Twin) -> str:
 
 def _laws(twins: Sequence[Twin]) -> Iterator[str]:
     """The laws that the twins have in common."""
-    devices = _listed(sorted({str(twin.settings["engine"]["device"]).upper() for twin in twins}))
+    devices = listed(sorted({str(twin.settings["engine"]["device"]).upper() for twin in twins}))
     yield (
         f"The twins are simulated by the discrete element method [@cundall1979] in rigtwin [@{SOFTWARE}], written in "
         f"Taichi [@hu2019], on the {devices}; gravity is {GRAVITY:g} m/s²."
@@ -353,7 +320,7 @@ def _twin(outcome: Outcome, runs: Sequence[Twin], effects: Mapping[str, Any]) ->
         for quantity, source in first.set_from.items()
     ]
     if starts:
-        said.append(f"started from the {_listed(starts)}")
+        said.append(f"started from the {listed(starts)}")
     return "; ".join(said) + "."
 
 
@@ -368,9 +335,9 @@ def _size(outcome: Outcome, runs: Sequence[Twin]) -> str:
         seed = runs[0].settings.get("seed")
         return "" if seed is None else f"seed {seed}; "
     seeds = [str(run.settings.get("seed")) for run in runs]
-    number = _listed(dict.fromkeys(str(_particles(run)) for run in runs))
+    number = listed(dict.fromkeys(str(_particles(run)) for run in runs))
     s = "s" if len(runs) > 1 else ""
-    return f"{len(runs)} run{s} (seed{s} {_listed(seeds)}) of {number} particles; "
+    return f"{len(runs)} run{s} (seed{s} {listed(seeds)}) of {number} particles; "
 
 
 def _particles(run: Twin) -> int | str:
@@ -413,32 +380,3 @@ def _comparison(comparison: Comparison) -> str:
         comparison.headline[:1].upper() + comparison.headline[1:],
     ]
     return " ".join(filter(None, text))
-
-
-def _software(versions: Mapping[str, str]) -> str:
-    names = {"python": "Python", "opencv-python-headless": "OpenCV", "av": "PyAV"}
-    return f"Versions: {', '.join(f'{names.get(name, name)} {version}' for name, version in versions.items())}."
-
-
-# -------------------------------------------------------------------------------------------------------------- text
-
-
-def _listed(words: Iterable[str]) -> str:
-    *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-def _keys(group: str) -> list[str]:
-    """Keys of a group of citations; what looks like one in a name of the lab is none."""
-    return [key for key in (one.strip("@ ") for one in group.split(";")) if key in references()]
-
-
-def _as_html(text: str) -> str:
-    """A paragraph as HTML: names as code, citations as links to the list of references."""
-
-    def links(found: re.Match[str]) -> str:
-        keys = _keys(found[1])
-        shown = "; ".join(f'<a href="#ref-{key}">{escape(reference(key).short)}</a>' for key in keys)
-        return f"({shown})" if keys else found[0]
-
-    return _CITATION.sub(links, re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text)))

@@ -15,7 +15,8 @@ from rigtwin.compare.deviation import Deviation, headlines, primary_first
 from rigtwin.compare.report import figures
 from rigtwin.compare.report.drawn import Drawn, different, slug
 from rigtwin.compare.report.fill_template import filled
-from rigtwin.compare.report.methods import Methods, methods
+from rigtwin.compare.report.methods import methods
+from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import percent, reading, siblings, title, uncertainty, z_score
 from rigtwin.lab.quantity import Check, Measurement

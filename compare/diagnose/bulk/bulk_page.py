@@ -8,17 +8,20 @@ import numpy as np
 
 from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, parameters_of
 from rigtwin.compare.diagnose.bulk.naming import ALARM, BulkCandidate
+from rigtwin.compare.diagnose.diagnosis_methods import LIBRARIES, bulk_methods
 from rigtwin.compare.diagnose.figures import BEFORE, NOISE
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.page import gap_rows, parameters_in_words
 from rigtwin.compare.report.drawn import Drawn, drawn
 from rigtwin.compare.report.fill_template import filled
+from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.report.plot_style import TWIN, canvas
+from rigtwin.compare.result_files import versions
 from rigtwin.lab.formatting import unit_of
 
 
-def bulk_page(found: BulkDiagnosis, drawn_before: Drawn | None = None) -> str:
-    """The HTML text of the whole page; its figure is drawn unless it is given."""
+def bulk_page(found: BulkDiagnosis, drawn_before: Drawn | None = None, text: Methods | None = None) -> str:
+    """The HTML text of the whole page; its figure and its methods text are made unless they are given."""
     document = found.to_json()
     return filled(
         "diagnosis.html",
@@ -46,6 +49,7 @@ def bulk_page(found: BulkDiagnosis, drawn_before: Drawn | None = None) -> str:
         overview=[],
         tried=len(found.naming.tried),
         first_gain=f"{ALARM:g}",
+        methods=bulk_methods(found, versions(LIBRARIES)) if text is None else text,
         seconds=found.seconds,
     )
 

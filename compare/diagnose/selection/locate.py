@@ -17,6 +17,7 @@ from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.lab.arrays import Array
 
 AXES = ("x", "y")
+LEVEL = 0.02  # probability that any region is called significant where nothing disagrees
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Location:
     """Variance of region means between repetitions over that expected of white noise, at least 1."""
 
 
-def locate(bench: Regioned, fitted: Fit, level: float = 0.02) -> Location:
+def locate(bench: Regioned, fitted: Fit, level: float = LEVEL) -> Location:
     """Test every region of every condition at the family-wise significance `level`."""
     means, counts = _region_means(bench, fitted)
     spread = _spread(bench, means, counts)

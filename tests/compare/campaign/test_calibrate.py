@@ -226,7 +226,18 @@ def test_the_experiment_that_separates_equally_good_sets_is_found(tmp_path, caps
     assert all(row["apart"] < 2 for row in others), "the heap does not depend on either friction"
     page = (tmp_path / "calibration" / "calibration.html").read_text(encoding="utf-8")
     assert "Experiments that would separate" in page
-    assert "screening" in " ".join(path.name for path in (tmp_path / "calibration").iterdir())
+    figures = {path.name for path in (tmp_path / "calibration" / "figures").iterdir()}
+    names = [f"calibration-{name}" for name in ("screening", "posterior", "predictions")]
+    assert figures == {f"{name}.{kind}" for name in names for kind in ("svg", "png", "csv")} | {
+        "calibration-captions.csv"
+    }
+    text = (tmp_path / "calibration" / "calibration-methods.md").read_text(encoding="utf-8")
+    assert f"with {found['runs']} discrete-element simulations" in text
+    assert f"chi-square of {found['chi_square']:.3g} (probability {found['probability']:.2g})" in text
+    for name, prior in found["priors"].items():
+        assert f"{name.replace('_', ' ')}: logarithm uniform in {prior['low']:.4g} to {prior['high']:.4g}" in text
+    bib = (tmp_path / "calibration" / "calibration-references.bib").read_text(encoding="utf-8")
+    assert "foreman2013" in bib
     assert run(["calibrate", str(tmp_path), "--budget", "13", "--json"]) == 0
     (said,) = (one for one in json.loads(capsys.readouterr().out)["remarks"] if "--budget" in one)
     budget = said.partition("--budget ")[2].split()[0]

@@ -108,6 +108,11 @@ def test_the_command_writes_the_figures_beside_the_page(tmp_path):
     names = [f"figures/diagnosis-{name}" for name in ("residual", "amplitude", "overview")]
     assert {f"{name}.{ending}" for name in names for ending in ("svg", "png", "csv")} <= written
     assert {"diagnosis.html", "model.toml"} <= written
+    text = (tmp_path / "out" / "diagnosis-methods.md").read_text(encoding="utf-8")
+    repetitions = len(list(lab.rglob("*.csv")))
+    assert f"{repetitions} tracked repetitions in " in text
+    assert f"The verdict is `{json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())['verdict']}`." in text
+    assert "holm1979" in (tmp_path / "out" / "diagnosis-references.bib").read_text(encoding="utf-8")
     document = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert document["strained"] == []
     assert "Strained calibration" not in (tmp_path / "out" / "diagnosis.html").read_text()

@@ -1,0 +1,96 @@
+"""The methods text of a diagnosis, of single bodies or of many particles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from rigtwin.compare.diagnose.selection.locate import LEVEL
+from rigtwin.compare.diagnose.selection.name_effects import ALARM
+from rigtwin.compare.report.methods_text import Methods, software
+from rigtwin.lab.reference.bibliography import SOFTWARE, cited
+
+if TYPE_CHECKING:
+    from rigtwin.compare.diagnose.bulk.candidates import BulkEffect
+    from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis
+    from rigtwin.compare.diagnose.diagnosis import Diagnosis
+    from rigtwin.sim.effects import Effect
+
+LIBRARIES = ("numpy", "scipy", "taichi")
+"""Libraries whose versions the text states."""
+
+
+def methods(found: Diagnosis, versions: Mapping[str, str]) -> Methods:
+    """The methods text of the diagnosis of tracks of single bodies.
+
+    Parameters
+    ----------
+    found : Diagnosis
+        The finished diagnosis.
+    versions : mapping of str to str
+        Versions of rigtwin, Python and `LIBRARIES`.
+
+    Returns
+    -------
+    Methods
+        Its paragraphs.
+    """
+    return Methods((("Diagnosis", " ".join(_of_tracks(found))), ("Software", software(versions))))
+
+
+def bulk_methods(found: BulkDiagnosis, versions: Mapping[str, str]) -> Methods:
+    """The methods text of the diagnosis of a lab with many particles; parameters as in `methods`."""
+    return Methods((("Diagnosis", " ".join(_of_numbers(found))), ("Software", software(versions))))
+
+
+def _of_tracks(found: Diagnosis) -> Iterator[str]:
+    lab, naming, location = found.lab, found.naming, found.location
+    yield (
+        f"{lab.repetitions} tracked repetitions in {_number(len(lab.conditions), 'condition')} were diagnosed with "
+        f"rigtwin [@{SOFTWARE}]."
+    )
+    if naming is None:
+        yield f"Nothing was fitted: {found.reason}."
+        return
+    yield (
+        f"The plain model was fitted to {len(found.bench.rows)} positions together with release and impacts of each "
+        "repetition; scale, clock, level and lengths are unknowns with their stated standard uncertainties as priors."
+    )
+    if location is not None and location.tested:
+        yield (
+            f"Mean residuals were tested in {location.tested} regions, with Holm's correction at a family-wise level "
+            f"of {100 * LEVEL:g} % [@holm1979]."
+        )
+    yield (
+        f"{len(naming.tried)} sets of effects were fitted beside the model. A first effect needs a decrease of the "
+        f"deviance of at least {ALARM:g}; sets whose coefficients are impossible or within the calibration uncertainty "
+        "are refused."
+    )
+    yield from _result(found.verdict, found.chosen.terms if found.chosen is not None else ())
+
+
+def _of_numbers(found: BulkDiagnosis) -> Iterator[str]:
+    from rigtwin.compare.diagnose.bulk.naming import ALARM as FIRST
+
+    measured = sum(len(one.names) for one in found.responses)
+    yield (
+        f"{measured} measured numbers of {_number(len(found.responses), 'condition')} were compared with {found.runs} "
+        f"discrete-element simulations in rigtwin [@{SOFTWARE}] about the stated setting, from which each number is "
+        "known as a function of parameters, of uncertain settings and of each effect."
+    )
+    yield (
+        f"{len(found.naming.tried)} sets of effects were fitted beside the baseline. A first effect needs a decrease "
+        f"of the deviance of at least {FIRST:g}."
+    )
+    yield from _result(found.verdict, () if found.shown is None else found.shown.effects)
+
+
+def _result(verdict: str, effects: Sequence[Effect | BulkEffect]) -> Iterator[str]:
+    yield f"The verdict is `{verdict}`."
+    for one in effects:
+        keys = "; ".join(f"@{key}" for key in cited(one.source))
+        yield f"Effect {one.title}: {one.equation} {f'[{keys}]' if keys else f'({one.source})'}."
+
+
+def _number(number: int, what: str) -> str:
+    return f"{number} {what}{'s' if number != 1 else ''}"

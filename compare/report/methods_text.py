@@ -1,0 +1,81 @@
+"""A methods text: paragraphs in Markdown, their citations, and the page's and the .bib file's form of both.
+
+`Methods.markdown` is in Pandoc's Markdown, whose ``[@key]`` refer to ``references.bib``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from html import escape
+
+from rigtwin.lab.reference.bibliography import Reference, bibtex, reference, references
+
+_CITATION = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
+
+
+@dataclass(frozen=True)
+class Methods:
+    """Paragraphs with their headings, in Markdown."""
+
+    paragraphs: tuple[tuple[str, str], ...]
+
+    @property
+    def cited(self) -> list[Reference]:
+        """The references in the order in which the text cites them."""
+        found = [key for _, text in self.paragraphs for group in _CITATION.findall(text) for key in _keys(group)]
+        return [reference(key) for key in dict.fromkeys(found)]
+
+    @property
+    def markdown(self) -> str:
+        """The whole text, its list of references at the end."""
+        parts = ["# Methods", *(f"## {heading}\n\n{text}" for heading, text in self.paragraphs), "## References"]
+        listed = [f"- `{one.key}`: {one.in_words} {one.address}".rstrip() for one in self.cited]
+        return "\n\n".join([*parts, "\n".join(listed)]) + "\n"
+
+    @property
+    def html(self) -> list[tuple[str, list[str]]]:
+        """Each heading with its paragraphs as HTML."""
+        return [(heading, [_as_html(part) for part in text.split("\n\n")]) for heading, text in self.paragraphs]
+
+    def files(self, page: str) -> dict[str, str]:
+        """Content of ``PAGE-methods.md`` and ``PAGE-references.bib``, for `result_files.write_together`."""
+        return {f"{page}-methods.md": self.markdown, f"{page}-references.bib": self.bibtex}
+
+    @property
+    def bibtex(self) -> str:
+        """The content of ``references.bib``."""
+        return bibtex([one.key for one in self.cited])
+
+
+def software(versions: Mapping[str, str]) -> str:
+    """The sentence on versions of programs."""
+    names = {"python": "Python", "opencv-python-headless": "OpenCV", "av": "PyAV"}
+    return f"Versions: {', '.join(f'{names.get(name, name)} {version}' for name, version in versions.items())}."
+
+
+def listed(words: Iterable[str]) -> str:
+    """Words as a list in a sentence.
+
+    >>> listed(["a"]), listed(["a", "b", "c"])
+    ('a', 'a, b and c')
+    """
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _keys(group: str) -> list[str]:
+    """Keys of a group of citations; what looks like one in a name of the lab is none."""
+    return [key for key in (one.strip("@ ") for one in group.split(";")) if key in references()]
+
+
+def _as_html(text: str) -> str:
+    """A paragraph as HTML: names as code, citations as links to the list of references."""
+
+    def links(found: re.Match[str]) -> str:
+        keys = _keys(found[1])
+        shown = "; ".join(f'<a href="#ref-{key}">{escape(reference(key).short)}</a>' for key in keys)
+        return f"({shown})" if keys else found[0]
+
+    return _CITATION.sub(links, re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(text)))
