@@ -26,6 +26,9 @@ LISTS = (b"ffconcat version", b"#EXTM3U", b"<MPD", b"[playlist]", b"CWSF")
 
 SHORT_OF_MEMORY = (errno.ENOMEM, errno.EAGAIN)  # the second one where a decoder's thread cannot begin
 
+METADATA: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
+"""Metadata that are no text do not matter; from version 19 on PyAV takes it that way itself."""
+
 HEAD = 512  # [bytes], in which a play list shows itself
 
 
@@ -58,7 +61,7 @@ def open_container(path: Path) -> Iterator[Any]:
         raise UnreadableMedia(f"{path}: is a list that names other files, not a clip; give the clips themselves.")
     allowed = {"protocol_whitelist": "file", "format_whitelist": ",".join(FORMATS)}
     try:
-        with av.open(f"file:{path.absolute()}", options=allowed, metadata_errors="replace") as container:
+        with av.open(f"file:{path.absolute()}", options=allowed, **METADATA) as container:
             for stream in container.streams.video:
                 if stream.codec_context is not None:
                     must_have_room(path, stream.width, stream.height)
