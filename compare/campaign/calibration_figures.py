@@ -27,7 +27,7 @@ def _screening(found: Calibration) -> Drawn:
     label = "Share of the variance of each quantity that a parameter causes alone"
     shares = found.sensitivities
     rows = [f"{one.experiment}: {title(one.quantity)}, {one.method}" for one in found.targets]
-    with canvas(1.0 + 0.28 * len(rows)) as (figure, axes):
+    with canvas(max(1.0 + 0.28 * len(rows), 2.2)) as (figure, axes):  # the label of the colours needs its height
         axes.grid(visible=False)
         picture = axes.imshow(shares, aspect="auto", cmap="Blues", vmin=0, vmax=1)
         for (i, j), value in np.ndenumerate(shares):

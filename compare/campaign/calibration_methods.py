@@ -38,10 +38,10 @@ def methods(found: Calibration, versions: Mapping[str, str]) -> Methods:
 def _sentences(found: Calibration) -> Iterator[str]:
     experiments = listed(f"`{name}`" for name in dict.fromkeys(one.experiment for one in found.targets))
     quantities = listed(dict.fromkeys(title(one.quantity).lower() for one in found.targets))
-    number = len(found.targets)
     yield (
-        f"{len(found.parameters)} parameters were fitted to {number} measured numbers ({quantities}) of {experiments} "
-        f"with {found.runs} discrete-element simulations in rigtwin [@{SOFTWARE}]."
+        f"{_counted(len(found.parameters), 'parameter')} fitted to {len(found.targets)} measured "
+        f"number{'s' if len(found.targets) > 1 else ''} ({quantities}) of {experiments} with {found.runs} "
+        f"discrete-element simulations in rigtwin [@{SOFTWARE}]."
     )
     yield f"Known beforehand: {'; '.join(map(_prior, found.parameters))}."
     yield (
@@ -61,6 +61,10 @@ def _sentences(found: Calibration) -> Iterator[str]:
         yield f"Held out and predicted: {listed(f'`{name}`' for name in held)}."
     if found.lab.borrowed:
         yield "Values that the lab does not state are those of published tables [@hlosta2020]."
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'s were' if number > 1 else ' was'}"
 
 
 def _prior(one: Parameter) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -52,9 +53,11 @@ def _of_tracks(found: Diagnosis) -> Iterator[str]:
     if naming is None:
         yield f"Nothing was fitted: {found.reason}."
         return
+    names = [one.name.partition(".")[0].replace("_", " ") for one in naming.base.unknowns if math.isfinite(one.sd)]
+    known = f"; unknown within their stated standard uncertainties: {', '.join(dict.fromkeys(names))}" if names else ""
     yield (
         f"The plain model was fitted to {len(found.bench.rows)} positions together with release and impacts of each "
-        "repetition; scale, clock, level and lengths are unknowns with their stated standard uncertainties as priors."
+        f"repetition{known}."
     )
     if location is not None and location.tested:
         yield (
