@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 DPI = 300  # [1/inch], what journals ask for at least of pictures with lines and text
 PACKED = 4  # zlib's level; 9 takes three times as long for 5 % less
+LONGEST = 120  # letters of a name; file systems allow 255, temporary names are longer
 _UNITS = {"°": "deg", "%": "percent"}
 
 
@@ -131,7 +132,7 @@ def slug(words: str) -> str:
     >>> slug("pair/1: height of the bead")
     'pair-1-height-of-the-bead'
     """
-    return re.sub(r"[^\w.]+", "-", words, flags=re.ASCII).strip("-.") or "figure"
+    return re.sub(r"[^\w.]+", "-", words, flags=re.ASCII)[:LONGEST].strip("-.") or "figure"
 
 
 def different(names: Iterable[str]) -> Iterator[str]:
