@@ -10,7 +10,7 @@ from typing import Any
 from rigtwin.lab.formatting import percent, reading, siblings, title
 from rigtwin.lab.input_files import LARGEST_TABLE
 
-SHOWN = (".html", ".csv", ".json", ".toml", ".svg", ".png", ".webp", ".mp4")
+SHOWN = (".html", ".csv", ".json", ".toml", ".svg", ".png", ".webp", ".mp4", ".md", ".bib")
 """Endings of the result files that are linked or shown."""
 
 
