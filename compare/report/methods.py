@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare.chosen import known_scatter
 from rigtwin.compare.deviation import SURE, UNINFORMATIVE, headlines
 from rigtwin.compare.report.methods_text import Methods, listed, software
+from rigtwin.compare.twins.many_body import NUMERICS
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import reading, title
 from rigtwin.lab.media_files import SOUNDS
@@ -186,7 +187,7 @@ def _stated(experiment: Experiment) -> Iterator[str]:
 
 def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
     found = [(outcome, item) for outcome in comparison.outcomes for item in outcome.measurements]
-    if not found:
+    if not comparison.deviations:
         return ""
     kinds = {kind for outcome, item in found for kind in _media_of(outcome.experiment, item)}
     with_opencv = (
@@ -200,7 +201,9 @@ def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
     parts = sorted({name for row in comparison.deviations for name in row.budget})
     text = [
         f"The {listed(_MEDIA[kind] for kind in _MEDIA if kind in kinds)} were measured with rigtwin "
-        f"{versions[SOFTWARE]} [@{SOFTWARE}]{with_opencv}.",
+        f"{versions[SOFTWARE]} [@{SOFTWARE}]{with_opencv}."
+        if kinds
+        else "",
         f"Main results and their methods: {named}." if named else "",
         "Each value has a standard uncertainty with a budget of named parts [@jcgm100]"
         + (f"; here: {', '.join(part.replace('_', ' ') for part in parts)}." if parts else "."),
@@ -300,12 +303,10 @@ def _twin(outcome: Outcome, runs: Sequence[Twin], effects: Mapping[str, Any]) ->
     first = runs[0]
     name, settings = outcome.experiment.id, first.settings
     contacts = "; ".join(
-        f"{pair.replace('-', '–', 1)} {_coefficients(outcome.experiment, contact)}"
-        for pair, contact in settings["contacts"].items()
+        f"{pair} {_coefficients(outcome.experiment, contact)}" for pair, contact in settings["contacts"].items()
     )
-    said = [f"Twin of `{name}`: {_size(outcome, runs)}contacts {contacts}"]
-    if by := _other_code(first):
-        said = [f"Twin of `{name}`, computed by {by}: {_size(outcome, runs)}contacts {contacts}"]
+    by = f", computed by {_other_code(first)}" if _other_code(first) else ""
+    said = [f"Twin of `{name}`{by}: {_size(outcome, runs)}contacts {contacts}"]
     numerics = _numerics(first)
     if stiffness := numerics.get("stiffness_factor"):
         said.append(f"stiffness factor: {stiffness}")
@@ -315,13 +316,25 @@ def _twin(outcome: Outcome, runs: Sequence[Twin], effects: Mapping[str, Any]) ->
         said.append("time step: " + ", ".join(filter(None, (size, numerics.get("time_step", "").replace("um", "µm")))))
     if "effects" in numerics:
         said.append(f"effects: {numerics['effects']}")
-    starts = [
-        f"{title(quantity).lower()} as {'measured (the mean)' if source == 'measured' else 'stated'}"
-        for quantity, source in first.set_from.items()
-    ]
+    starts = [_start(first, quantity, source) for quantity, source in first.set_from.items()]
     if starts:
         said.append(f"started from the {listed(starts)}")
-    return "; ".join(said) + "."
+    return "; ".join([*said, *_taken(first)]) + "."
+
+
+def _start(twin: Twin, quantity: str, source: str) -> str:
+    """A quantity that is an input of the twin, with its value there."""
+    found = next((one for one in twin.quantities if one.quantity == quantity), None)
+    value = "" if found is None else f", {reading(found.value, 0.0, found.unit)}"
+    return f"{title(quantity).lower()} as {'measured (the mean)' if source == 'measured' else 'stated'}{value}"
+
+
+def _taken(twin: Twin) -> Iterator[str]:
+    """What else the twin assumes; its numerical settings are stated before."""
+    for line in twin.assumptions:
+        name, colon, _ = line.partition(": ")
+        if not (colon and name.replace(" ", "_") in (*NUMERICS, "computed_by")):
+            yield line[:1].lower() + line[1:].rstrip(".")
 
 
 def _coefficients(experiment: Experiment, contact: Mapping[str, float]) -> str:

@@ -97,7 +97,9 @@ def _measured(rig: str, source: Path, camera: dict[str, object], *quantities: Qu
 def _twin(rig: str, settings: dict[str, object], numerics: dict[str, str], *quantities: Quantity) -> Twin:
     engine = {"device": "cpu", "threads": 2}
     whole = {"rig": {}, "engine": engine, "numerics": numerics, **settings}
-    return Twin(rig, Evaluation(quantities), whole, assumptions=("contact law: Hertz-Mindlin",))
+    return Twin(
+        rig, Evaluation(quantities), whole, assumptions=("contact law: Hertz-Mindlin", "outlet diameter: 22.5 mm")
+    )
 
 
 def _overlay(what: str) -> Overlay:

@@ -33,7 +33,7 @@ def stated(numbers) -> dict[str, str]:
         "scale": f"{numbers.scale_mm:g} mm/px (from known length)",
         "left out": f"1 repetition was not measurable and left out (r{numbers.films:02d}.mp4)",
         "modulus": f"Young's modulus {numbers.modulus_gpa:g} GPa",
-        "contact": f"bead–steel restitution {numbers.wall_restitution:g}, static friction {numbers.static:g}, "
+        "contact": f"bead-steel restitution {numbers.wall_restitution:g}, static friction {numbers.static:g}, "
         f"rolling friction {numbers.rolling:g}",
         "particles": f"of {numbers.count} particles",
         "runs": f"{len(numbers.seeds)} runs",
@@ -52,6 +52,8 @@ def test_the_text_has_the_numbers_of_its_lab_and_none_of_another(comparison, num
         assert wrong[what] not in text, what
     assert "9999" not in text, "particles that were asked for, not those that were placed"
     assert "GPa, Poisson's ratio 0.44" in text
+    assert "outlet diameter: 22.5 mm" in text
+    assert text.count("Hertz-Mindlin") == 0, "the law is described, and not among what is assumed"
     for version in VERSIONS.values():
         assert version in text
 
