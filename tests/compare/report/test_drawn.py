@@ -53,8 +53,17 @@ def test_the_same_figure_is_the_same_file():
     assert line() == line()
 
 
-def test_each_curve_of_an_overlay_is_in_the_table_with_units_in_its_columns(comparison):
-    figures = drawn_figures(comparison())
+@pytest.fixture(scope="module")
+def whole(comparison):
+    return comparison()
+
+
+@pytest.fixture(scope="module")
+def figures(whole):
+    return drawn_figures(whole)
+
+
+def test_each_curve_of_an_overlay_is_in_the_table_with_units_in_its_columns(figures):
     (height,) = figures["fall"]
     rows = rows_of(height.csv)
     assert list(rows[0]) == ["side", "curve", "time_from_the_first_contact_s", "height_above_the_plate_mm"]
@@ -66,9 +75,8 @@ def test_each_curve_of_an_overlay_is_in_the_table_with_units_in_its_columns(comp
     assert y == pytest.approx(40 * np.cos(3 * x) + 2.0, abs=1e-6)
 
 
-def test_the_figure_of_the_deviations_has_their_intervals(comparison):
-    whole = comparison()
-    (figure,) = drawn_figures(whole)[""]
+def test_the_figure_of_the_deviations_has_their_intervals(whole, figures):
+    (figure,) = figures[""]
     rows = rows_of(figure.csv)
     assert [row["experiment"] for row in rows] == ["fall", "heap"]
     for row, deviation in zip(rows, whole.deviations, strict=True):

@@ -31,7 +31,6 @@ STICKS_OUT = """() => {
   }
   return found;
 }"""
-VERDICTS = "() => [...document.querySelectorAll('table.results')[0].tBodies[0].rows].filter(row => !row.hidden)"
 
 
 @pytest.fixture(scope="module")
@@ -61,50 +60,56 @@ def address(comparison, tmp_path_factory) -> str:
     return page.as_uri()
 
 
-def opened(browser, address, width=1200, **settings):
-    page = browser.new_page(viewport={"width": width, "height": 800}, **settings)
+@pytest.fixture(scope="module")
+def tab(browser, address):
+    page = browser.new_page(viewport={"width": 1200, "height": 800})
     page.faults = []
     page.on("pageerror", lambda fault: page.faults.append(str(fault)))
     page.on("request", lambda request: page.faults.append(request.url) if request.url != address else None)
-    page.goto(address)
     return page
 
 
-def test_nothing_sticks_out_of_its_card_at_any_width(browser, address):
-    page = opened(browser, address)
+@pytest.fixture
+def page(tab, address):
+    """The page as it opens."""
+    tab.set_viewport_size({"width": 1200, "height": 800})
+    tab.emulate_media(media="screen", color_scheme="light")
+    tab.goto(address)
+    yield tab
+    assert tab.faults == [], "a script failed, or something was fetched"
+
+
+def test_nothing_sticks_out_of_its_card_at_any_width(page):
     page.evaluate("() => document.querySelectorAll('details').forEach(one => { one.open = true; })")
     for width in WIDTHS:
         page.set_viewport_size({"width": width, "height": 800})
         assert page.evaluate(STICKS_OUT) == [], width
         verdict = page.locator("table.results td:last-child .verdict").first.bounding_box()
         assert verdict["x"] + verdict["width"] < width - 40
-    assert page.faults == []
 
 
-def test_the_page_follows_the_dark_mode_and_plots_keep_their_white_ground(browser, address):
+def test_the_page_follows_the_dark_mode_and_plots_keep_their_white_ground(page):
+    shade = "one => getComputedStyle(one).backgroundColor"
     grounds = []
     for scheme in ("light", "dark"):
-        page = opened(browser, address, color_scheme=scheme)
-        shade = "one => getComputedStyle(one).backgroundColor"
+        page.emulate_media(color_scheme=scheme)
         grounds.append((page.locator("section").first.evaluate(shade), page.locator(".plot svg").first.evaluate(shade)))
     (light, plot), (dark, same) = grounds
     assert light != dark
     assert plot == same == "rgb(255, 255, 255)"
 
 
-def test_on_paper_nothing_is_cut_and_rows_stay_whole(browser, address):
-    page = opened(browser, address, 703)  # A4 less the margins of the page, at 96 px an inch
+def test_on_paper_nothing_is_cut_and_rows_stay_whole(page):
+    page.set_viewport_size({"width": 703, "height": 800})  # A4 less the margins of the page, at 96 px an inch
     page.emulate_media(media="print")
     assert page.evaluate(STICKS_OUT) == []
-    for one, value in (("table.results tr", "avoid"), ("figure", "avoid"), (".settings", "avoid")):
-        assert page.locator(one).first.evaluate("one => getComputedStyle(one).breakInside") == value
+    for one in ("table.results tr", "figure", ".settings"):
+        assert page.locator(one).first.evaluate("one => getComputedStyle(one).breakInside") == "avoid"
     assert page.locator(".filter select").first.is_hidden()
     assert page.locator("details").first.is_hidden(), "what is closed is not printed"
-    assert page.pdf(format="A4").startswith(b"%PDF")
 
 
-def test_rows_are_filtered_by_rig_and_verdict(browser, address):
-    page = opened(browser, address)
+def test_rows_are_filtered_by_rig_and_verdict(page):
     rigs, verdicts = page.locator(".filter select").all()
     rows = page.locator("table.results").first.locator("tbody tr")
     assert rows.count() == 2
@@ -118,8 +123,7 @@ def test_rows_are_filtered_by_rig_and_verdict(browser, address):
     assert [row.get_attribute("data-verdict") for row in rows.all() if row.is_visible()] == [shown]
 
 
-def test_a_click_on_a_column_sorts_by_its_numbers(browser, address):
-    page = opened(browser, address)
+def test_a_click_on_a_column_sorts_by_its_numbers(page):
     table = page.locator("table.results").first
     head = table.locator("th", has_text="Deviation")
 
@@ -136,16 +140,16 @@ def test_a_click_on_a_column_sorts_by_its_numbers(browser, address):
     assert column() == written
 
 
-def test_without_scripts_all_rows_are_there_and_no_control(browser, address):
-    page = opened(browser, address, java_script_enabled=False)
-    assert page.locator("table.results tbody tr").first.is_visible()
-    assert page.locator(".filter").is_hidden()
-    assert page.locator("th button").count() == 0
-
-
-def test_links_to_figures_lead_into_the_folder_of_the_page(browser, address):
-    page = opened(browser, address)
+def test_links_to_figures_lead_into_the_folder_of_the_page(page, address):
     links = page.locator("figcaption .files a").evaluate_all("all => all.map(one => one.href)")
     here = address.removesuffix("report.html")
     assert [Path(link).suffix for link in links[:3]] == [".svg", ".png", ".csv"]
     assert all(link.startswith(f"{here}figures/") for link in links)
+
+
+def test_without_scripts_all_rows_are_there_and_no_control(browser, address):
+    page = browser.new_page(java_script_enabled=False)
+    page.goto(address)
+    assert page.locator("table.results tbody tr").first.is_visible()
+    assert page.locator(".filter").is_hidden()
+    assert page.locator("th button").count() == 0
