@@ -324,9 +324,9 @@ def _twin(outcome: Outcome, runs: Sequence[Twin], effects: Mapping[str, Any]) ->
 
 def _start(twin: Twin, quantity: str, source: str) -> str:
     """A quantity that is an input of the twin, with its value there."""
-    found = next((one for one in twin.quantities if one.quantity == quantity), None)
-    value = "" if found is None else f", {reading(found.value, 0.0, found.unit)}"
-    return f"{title(quantity).lower()} as {'measured (the mean)' if source == 'measured' else 'stated'}{value}"
+    value = twin.settings["rig"].get(quantity)  # in SI
+    words = "" if value is None else f", {reading(value, 0.0, 'rad' if quantity.endswith('angle') else 'm')}"
+    return f"{title(quantity).lower()} as {'measured (the mean)' if source == 'measured' else 'stated'}{words}"
 
 
 def _taken(twin: Twin) -> Iterator[str]:

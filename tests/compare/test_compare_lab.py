@@ -294,7 +294,7 @@ def test_the_methods_text_is_that_of_this_run(out, page):
     assert "1 repetition was not measurable and left out (nothing.csv)" in text
     assert f"restitution {twin['contacts']['bead-bead']['restitution']:g}" in text
     start = row_of(rows_of(out / "deviations.csv"), quantity="release_angle")
-    assert f"started from the release angle as measured (the mean), {float(start['simulated']):.5g}°" in text
+    assert f"started from the release angle as measured (the mean), {float(start['measured']):.5g}°" in text
     assert "Not stated by the lab" in text, "the wood is that of the paper"
     assert "OpenCV Library" not in text, "tables of tracked data need none"
     for name in ("rigtwin", "python", "taichi", "numpy"):
