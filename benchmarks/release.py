@@ -116,9 +116,7 @@ def passed(name: str, well: bool, note: str = "") -> Row:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--python", action="append", help="a version, or the path of an interpreter; may be given again"
-    )
+    parser.add_argument("--python", action="append", metavar="3.12", help="a version of Python; may be given again")
     parser.add_argument("--count", type=int, default=400, help="particles of the heap of the demo")
     options = parser.parse_args(arguments)
     program = uv()

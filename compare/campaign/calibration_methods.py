@@ -43,7 +43,7 @@ def _sentences(found: Calibration) -> Iterator[str]:
         f"number{'s' if len(found.targets) > 1 else ''} ({quantities}) of {experiments} with {found.runs} "
         f"discrete-element simulations in rigtwin [@{SOFTWARE}]."
     )
-    yield f"Known beforehand: {'; '.join(map(_prior, found.parameters))}."
+    yield f"Priors: {'; '.join(map(_prior, found.parameters))}."
     yield (
         "Each number is emulated by a Gaussian process with one correlation length for each parameter "
         "[@rasmussen2006]; the scatter of the simulation from seed to seed is its noise, and further simulations were "

@@ -273,7 +273,7 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
             )
         why = "data and twin disagree, but no listed effect and no simple formula describes how"
         return replace(plain, verdict="undecided", reason=why + _by_chance(bench))
-    alone = _rival_form(bench, naming, best, progress)
+    alone = _rival_form(bench, lab, naming, best, progress)
     if alone is not None and not alone.reason and alone.gain - best.gain > FORM:
         best, naming = _from_there(bench, naming, best, alone)
         plain = replace(plain, naming=naming)
@@ -303,16 +303,17 @@ def _judge(bench: Regioned, lab: TrackedLab, naming: Naming, progress: Progress)
     return replace(plain, verdict="named", chosen=best, reason=f"{names(best.terms)} explains the disagreement{rest}")
 
 
-def _rival_form(bench: Regioned, naming: Naming, best: Candidate, progress: Progress) -> Candidate | None:
+def _rival_form(
+    bench: Regioned, lab: TrackedLab, naming: Naming, best: Candidate, progress: Progress
+) -> Candidate | None:
     """The best formula, where one may do better than the best set.
 
     On a track every run passes the same places at about the same times, so an error of the picture or the clock looks
     like a force by place or by time: where nothing else is named there, forces of a free shape are tried, too.
     """
-    rig = bench.lab.rig  # type: ignore[attr-defined]
-    if rig in ON_A_TRACK and all(term.kind == "measurement" for term in best.terms):
+    if lab.rig in ON_A_TRACK and all(term.kind == "measurement" for term in best.terms):
         return any_form(bench, naming, progress)
-    forms = fixed_forms(bench, naming, progress, nameless(rig)) if _more_to_say(bench, best) else []
+    forms = fixed_forms(bench, naming, progress, nameless(lab.rig)) if _more_to_say(bench, best) else []
     return max(forms, key=lambda one: one.gain, default=None)
 
 

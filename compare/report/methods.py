@@ -244,9 +244,7 @@ def _priors(comparison: Comparison) -> Iterator[str]:
 
 
 def _simulation(comparison: Comparison) -> str:
-    twins = [(outcome, _run(outcome)) for outcome in comparison.outcomes if _run(outcome)]
-    if not twins:
-        return ""
+    twins = [(outcome, runs) for outcome in comparison.outcomes if (runs := _run(outcome))]
     own = [run for _, runs in twins for run in runs if not _other_code(run)]
     effects = comparison.lab.model.effects
     parts = [" ".join(_laws(own))] if own else []

@@ -234,7 +234,7 @@ def reproduce(
     reproduction = replace(reproduction, replaced=_replaced(out / "cells.json", reproduction))
     names = ("cells.csv", "studies.csv", "cells.json", "report.html", "reproduction.md")
     figures = drawn_figures(reproduction)
-    reproduction.files.update({name: out / name for name in (*names, *([result_files.FIGURES] if figures else []))})
+    reproduction.files.update({name: out / name for name in (*names, result_files.FIGURES)})
     contents: dict[str, str | bytes] = {
         "cells.csv": result_files.table(reproduction.rows, COLUMNS),
         "studies.csv": result_files.table(reproduction.study_rows, STUDY_COLUMNS),

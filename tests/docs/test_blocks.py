@@ -61,11 +61,11 @@ EVERY = [(page, line) for page in PAGES for line in dict.fromkeys(commands(page)
 def test_a_command_in_the_documentation_exists_with_its_options(page: Path, line: str) -> None:
     words = shlex.split(line, comments=True)[1:]
     command: Any = typer.main.get_command(app)
-    name = "rigtwin"
-    while hasattr(command, "commands") and words and words[0] in command.commands:
-        name, command = words[0], command.commands[words.pop(0)]
-    if not hasattr(command, "commands") or words:
-        command.make_context(name, words)  # raises where an option or an argument is unknown or missing
+    name, around = "rigtwin", None
+    while hasattr(command, "commands") and words and not words[0].startswith("-"):
+        around = typer.Context(command, parent=around, info_name=name)
+        name, command, words = command.resolve_command(around, words)  # raises where there is no such command
+    command.make_context(name, words, parent=around)  # raises where an option or an argument is unknown or missing
 
 
 def test_commands_of_the_documentation_are_found() -> None:

@@ -91,8 +91,8 @@ def test_what_was_not_done_is_not_described(comparison):
     assert "Without a twin: `heap` (the restitution of the contact bead-bead is not known)." in text
     measured = tuple(replace(one, without_twin="it failed", twins=()) for one in whole.outcomes)
     text = methods(replace(whole, outcomes=measured), VERSIONS).markdown
-    assert "## Simulation" not in text
-    assert "taichi1" not in text
+    assert "Without a twin: `fall` (it failed)" in text
+    assert "hu2019" not in text
 
 
 def test_effects_of_the_model_are_described_where_they_act(comparison):
