@@ -165,7 +165,7 @@ def template() -> str:
     lines = [TEMPLATE_HEAD, *_entry("[lab]", keys(schema.LabEntry), live={"title"})]
     lines += [*_rule("what particles and walls are made of"), *_known()]
     for table, entry in (("materials", schema.MaterialEntry), ("particles", schema.ParticleEntry)):
-        lines += _entry(f"[{table}.{OWN[table]}]", keys(entry), live={"mass"})
+        lines += _entry(f"[{table}.{OWN[table]}]", keys(entry), live={"mass", "diameter"})
     lines += [*_rule("what is known of the contacts: for the twins; measuring needs none of it")]
     lines += ["# Names of two particles, or of a particle and a wall.  Leave out what is not known.", ""]
     for number, other in enumerate(("steel", "PMMA", OWN["particles"])):

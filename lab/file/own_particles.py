@@ -1,0 +1,98 @@
+"""Particles described in a lab.toml or model.toml: spheres, and clumps from a list of spheres or an STL file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from rigtwin.lab.clumps import Clump, clump
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.schema import ModelParticleEntry, ParticleEntry, Problem, Sphere, example_of, toml
+from rigtwin.lab.file.toml_lines import Key
+from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
+from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has
+from rigtwin.lab.stl_grain import filled_file
+
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
+APART = 1e-6  # [radii], gap of two spheres that still touch: rounding of written numbers
+SHAPES = ("diameter", "spheres", "stl")  # keys of which a particle has one
+
+
+def own_particle(
+    name: str, entry: ParticleEntry, solid: Material, key: Key, folder: Path, allow_outside: bool
+) -> Particle | list[Problem]:
+    """The particle of an entry at `key`, or what is wrong there.
+
+    STL files are named relative to `folder`, in which they lie unless `allow_outside`.
+    """
+    faults = list(_faults(entry, key))
+    if faults:
+        return faults
+    try:
+        shape = _shape(entry, folder, allow_outside)
+    except BadInput as error:
+        return [Problem((*key, "stl" if entry.stl is not None else "spheres"), str(error))]
+    if shape is None:
+        assert entry.diameter is not None
+        sphere = Particle(name, solid, entry.diameter)
+        particle = Particle(name, solid, entry.diameter, _density(entry, sphere.volume))
+    else:
+        particle = clumped(name, solid, shape, density=_density(entry, shape.volume))
+    if particle.density is not None and (odd := no_bead_has(particle.density)):
+        return [Problem((*key, "density" if entry.mass is None else "mass"), odd)]
+    return particle
+
+
+def _faults(entry: ParticleEntry, key: Key) -> Iterator[Problem]:
+    given = [name for name in SHAPES if getattr(entry, name) is not None]
+    if not given:
+        example = toml(example_of(ParticleEntry.model_fields["diameter"]))
+        yield Problem((*key, "diameter"), f"this key is missing; add diameter = {example}.")
+    for name in given[1:]:
+        yield Problem((*key, name), f"{given[0]} is given too; leave one of them out.")
+    if entry.density is not None and entry.mass is not None:
+        yield Problem((*key, "mass"), "density and mass are both given; leave one of them out.")
+    if entry.stl is None:
+        for name in sorted(entry.model_fields_set & {"stl_unit", "stl_spheres", "stl_error"}):
+            yield Problem((*key, name), "belongs to an STL file, and stl is not given; leave it out.")
+    elif entry.stl_spheres is not None and entry.stl_error is not None:
+        yield Problem((*key, "stl_error"), "stl_spheres is given too; leave one of them out.")
+
+
+def _density(entry: ParticleEntry, volume: float) -> float | None:
+    return entry.density if entry.mass is None else entry.mass / volume
+
+
+def _shape(entry: ParticleEntry, folder: Path, allow_outside: bool) -> Clump | None:
+    if entry.stl is not None:
+        path = folder / entry.stl
+        outside = lies_outside(path, folder)
+        if outside and not allow_outside:
+            raise BadInput(f"{path} {OUTSIDE}")
+        with unquoted(path, outside=outside):
+            return filled_file(path, UNITS[entry.stl_unit], spheres=entry.stl_spheres, error=entry.stl_error).clump
+    if entry.spheres is None:
+        return None
+    if isinstance(entry, ModelParticleEntry) and entry.volume is not None and entry.gyration is not None:
+        places = tuple((x, y, z) for x, y, z, _ in entry.spheres)
+        return Clump(places, tuple(diameter / 2 for *_, diameter in entry.spheres), entry.volume, entry.gyration)
+    return _of_spheres(entry.spheres)
+
+
+def _of_spheres(spheres: tuple[Sphere, ...]) -> Clump:
+    """The clump of a list of spheres [m].  Raises `BadInput` if they do not all hang together."""
+    rows = np.array(spheres)
+    centres, radii = rows[:, :3], rows[:, 3] / 2
+    joined, new = {0}, [0]
+    while new:
+        one = new.pop()
+        reach = (radii + radii[one]) + APART * radii.min()
+        near = np.flatnonzero(np.linalg.norm(centres - centres[one], axis=1) <= reach)
+        found = set(near.tolist()) - joined
+        joined |= found
+        new += found
+    if alone := sorted(set(range(len(radii))) - joined):
+        raise BadInput(f"sphere {alone[0] + 1} does not touch those before it; spheres of one particle hang together.")
+    return clump([(x, y, z) for x, y, z, _ in spheres], radii.tolist())
