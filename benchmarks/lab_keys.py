@@ -103,6 +103,7 @@ def page() -> str:
     parts += _part("[lab]", schema.LabEntry)
     parts += _part("[materials.NAME]", schema.MaterialEntry)
     parts += _part("[particles.NAME]", schema.ParticleEntry)
+    parts += _part("[particles.NAME.size_distribution]", schema.SizesEntry)
     parts += _part("[contacts.NAME-NAME]", schema.ContactEntry)
     parts.append(
         f"\nWithout an entry: materials {', '.join(hlosta2020.MATERIALS)}; particles {', '.join(hlosta2020.NAMES)}; "
@@ -272,7 +273,8 @@ def silent() -> list[str]:
     tables = {
         "lab": schema.LabEntry, "materials": schema.MaterialEntry, "particles": schema.ParticleEntry,
         "contacts": schema.ContactEntry, "uncertainty": schema.UncertaintyEntry, "camera": schema.CameraEntry,
-        "files": schema.FileEntry, "experiments": schema._ExperimentEntry, **schema.experiment_entries(),
+        "sizes": schema.SizesEntry, "files": schema.FileEntry, "experiments": schema._ExperimentEntry,
+        **schema.experiment_entries(),
     }  # fmt: skip
     common = set(schema._ExperimentEntry.model_fields)
     return [

@@ -39,6 +39,16 @@ class Clump:
         """Radius [m] of the sphere about the centre of mass that holds the clump."""
         return max(math.hypot(*place) + radius for place, radius in zip(self.offsets, self.radii, strict=True))
 
+    def scaled(self, factor: float) -> Clump:
+        """All lengths times a factor."""
+        x, y, z = (factor**2 * one for one in self.gyration)
+        return Clump(
+            tuple((factor * a, factor * b, factor * c) for a, b, c in self.offsets),
+            tuple(factor * radius for radius in self.radii),
+            factor**3 * self.volume,
+            (x, y, z),
+        )
+
 
 @dataclass(frozen=True)
 class MassProperties:

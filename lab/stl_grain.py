@@ -38,6 +38,7 @@ TARGETS = 3000  # facets that the choice of spheres looks at; the distance is th
 CANDIDATES = 700  # spheres of the medial axis that are tried
 INSIDE = 600  # points inside the body that spheres must cover, so that no hole stays
 VOLUME_POINTS = 80_000  # points of the grid on which the volume of the clump is found, good to about 0.5 %
+RESOLVED = 0.01  # [lengths of the body], nearer than that a given number of spheres does not come: a ball has facets
 SHRINKS = 20  # steps of a sphere towards the medial axis; most converge within five
 ROUGHLY = 0.01  # relative, of a distance to the surface while candidates shrink; of a ball all of it is equally near
 CONVERGED = 1e-3  # relative change of its radius at which it has
@@ -267,7 +268,7 @@ class _Body:
         """At most so many spheres, as near to the body as the search finds."""
         import numpy as np
 
-        low, high = 0.0, 1.0
+        low, high = RESOLVED, 1.0
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             few = len(self.chosen(middle)) <= spheres
@@ -276,7 +277,7 @@ class _Body:
         centres = self.centres[index]
         radii = np.array([_depth(self.corners, centre) for centre in centres])
         gap = self.gap(centres, radii)
-        while len(radii) < spheres and gap.max() > max(high, FACET):
+        while len(radii) < spheres and gap.max() > max(high, RESOLVED):
             centres, radii, gap = self._with_one_more(centres, radii, gap)
         return centres, radii
 

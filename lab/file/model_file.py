@@ -13,6 +13,7 @@ from rigtwin.lab.file.schema import ModelFile, read_document, validated
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.size_distributions import Sizes
 
 Effects = Mapping[str, Mapping[str, float]]
 """Effects by name, each with its parameters in SI."""
@@ -88,14 +89,26 @@ def model_text(model: Model) -> str:
 def _particle(name: str, particle: Particle) -> list[str]:
     clump = particle.shape
     if clump is None:
-        lines = _section("particles", name, ("diameter", "density"), particle)
+        keys = ("diameter", "density") if particle.sizes is None else ("density",)
+        lines = _section("particles", name, keys, particle)
     elif particle.name in hlosta2020.NAMES and hlosta2020.particle(particle.name) == particle:
         return []  # found again by its name
     else:
         spheres = [[*place, 2 * radius] for place, radius in zip(clump.offsets, clump.radii, strict=True)]
         lines = [*_section("particles", name, ("density",), particle), f"spheres = {spheres!r}"]
         lines += [f"volume = {clump.volume!r}", f"gyration = {list(clump.gyration)!r}"]
-    return [*lines, f"material = {_text(particle.material.name)}"]
+    lines.append(f"material = {_text(particle.material.name)}")
+    return lines if particle.sizes is None else [*lines, *_sizes(name, particle.sizes)]
+
+
+def _sizes(name: str, sizes: Sizes) -> list[str]:
+    """Classes of equal particles, or number spread evenly between neighbouring diameters."""
+    header = ["", f"[particles.{_text(name)}.size_distribution]", 'by = "number"']
+    d, shares = sizes.diameters, sizes.shares
+    if d[::2] == d[1::2]:
+        parts = [b - a for a, b in zip(shares[::2], shares[1::2], strict=True)]
+        return [*header, 'law = "list"', f"diameters = {list(d[::2])!r}", f"shares = {parts!r}"]
+    return [*header, 'law = "sieve"', f"meshes = {list(d)!r}", f"passing = {[100 * one for one in shares]!r}"]
 
 
 def _section(kind: str, name: str, keys: Sequence[str], item: object) -> list[str]:

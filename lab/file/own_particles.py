@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,15 +10,32 @@ import numpy as np
 
 from rigtwin.lab.clumps import Clump, clump
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.schema import ModelParticleEntry, ParticleEntry, Problem, Sphere, example_of, toml
+from rigtwin.lab.file.schema import (
+    ModelParticleEntry,
+    ParticleEntry,
+    Problem,
+    SizesEntry,
+    Sphere,
+    example_of,
+    toml,
+)
 from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
-from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has
+from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has, sized
+from rigtwin.lab.size_distributions import Law, Sizes, listed, lognormal, normal, sieved, uniform
 from rigtwin.lab.stl_grain import filled_file
 
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
 APART = 1e-6  # [radii], gap of two spheres that still touch: rounding of written numbers
 SHAPES = ("diameter", "spheres", "stl")  # keys of which a particle has one
+NEEDED: dict[Law, tuple[str, str]] = {
+    "list": ("diameters", "shares"),
+    "uniform": ("smallest", "largest"),
+    "normal": ("mean", "standard_deviation"),
+    "lognormal": ("median", "spread"),
+    "sieve": ("meshes", "passing"),
+}
+ENDS = ("smallest", "largest")  # keys that a normal and a lognormal law may have
 
 
 def own_particle(
@@ -35,11 +53,16 @@ def own_particle(
     except BadInput as error:
         return [Problem((*key, "stl" if entry.stl is not None else "spheres"), str(error))]
     if shape is None:
-        assert entry.diameter is not None
-        sphere = Particle(name, solid, entry.diameter)
-        particle = Particle(name, solid, entry.diameter, _density(entry, sphere.volume))
+        diameter = entry.diameter or 1.0  # that of sizes follows
+        sphere = Particle(name, solid, diameter)
+        particle = Particle(name, solid, diameter, _density(entry, sphere.volume))
     else:
         particle = clumped(name, solid, shape, density=_density(entry, shape.volume))
+    if entry.size_distribution is not None:
+        try:
+            particle = sized(particle, sizes_of(entry.size_distribution))
+        except BadInput as error:
+            return [Problem((*key, "size_distribution"), str(error).removeprefix("sizes: "))]
     if particle.density is not None and (odd := no_bead_has(particle.density)):
         return [Problem((*key, "density" if entry.mass is None else "mass"), odd)]
     return particle
@@ -47,7 +70,9 @@ def own_particle(
 
 def _faults(entry: ParticleEntry, key: Key) -> Iterator[Problem]:
     given = [name for name in SHAPES if getattr(entry, name) is not None]
-    if not given:
+    if entry.size_distribution is not None:
+        yield from _faults_of_sizes(entry, entry.size_distribution, key)
+    elif not given:
         example = toml(example_of(ParticleEntry.model_fields["diameter"]))
         yield Problem((*key, "diameter"), f"this key is missing; add diameter = {example}.")
     for name in given[1:]:
@@ -59,6 +84,44 @@ def _faults(entry: ParticleEntry, key: Key) -> Iterator[Problem]:
             yield Problem((*key, name), "belongs to an STL file, and stl is not given; leave it out.")
     elif entry.stl_spheres is not None and entry.stl_error is not None:
         yield Problem((*key, "stl_error"), "stl_spheres is given too; leave one of them out.")
+
+
+def _faults_of_sizes(entry: ParticleEntry, sizes: SizesEntry, key: Key) -> Iterator[Problem]:
+    place: Key = (*key, "size_distribution")
+    if entry.diameter is not None:
+        yield Problem((*key, "diameter"), "size_distribution is given too; leave one of them out.")
+    if entry.mass is not None:
+        yield Problem((*key, "mass"), "says nothing where sizes differ; give density.")
+    needed = NEEDED[sizes.law]
+    for name in needed:
+        if getattr(sizes, name) is None:
+            example = toml(example_of(SizesEntry.model_fields[name]))
+            # at the law, so that it is no fault of its own where the law is missing
+            yield Problem((*place, "law"), f"{sizes.law!r} needs {name}; add {name} = {example}.")
+    allowed = {*needed, *(ENDS if sizes.law in ("normal", "lognormal") else ()), "law", "by"}
+    for name in sorted(sizes.model_fields_set - allowed):
+        yield Problem((*place, name), f"is not used by the law {sizes.law!r}; leave it out.")
+
+
+def sizes_of(entry: SizesEntry) -> Sizes:
+    """The distribution of an entry in which nothing is missing.  Raises `BadInput` where it is none."""
+    first, second = (getattr(entry, name) for name in NEEDED[entry.law])
+    ends = {"smallest": entry.smallest, "largest": entry.largest}
+    match entry.law:
+        case "list":
+            return listed(first, second, by=entry.by or "mass")
+        case "uniform":
+            return uniform(first, second, by=entry.by or "number")
+        case "normal":
+            return normal(first, second, by=entry.by or "number", **ends)
+        case "lognormal":
+            return lognormal(first, second, by=entry.by or "number", **ends)
+    if len(first) != len(second):
+        raise BadInput(f"{len(first)} meshes and {len(second)} numbers under passing are given; give one for each.")
+    parts = np.array(second)
+    if parts[0] != 0 or not math.isclose(parts[-1], 100, abs_tol=1e-6) or (np.diff(parts) < 0).any():
+        raise BadInput(f"passing is {list(second)}; give percents that rise from 0 to 100, one for each mesh.")
+    return sieved(first, np.diff(parts).tolist(), by=entry.by or "mass")
 
 
 def _density(entry: ParticleEntry, volume: float) -> float | None:

@@ -51,6 +51,7 @@ Sphere = tuple[float, float, float, float]
 SPHERES: list[list[Any]] = [["-2 mm", 0, 0, "6 mm"], ["2 mm", 0, 0, "6 mm"]]
 """Example of a clump."""
 
+MOST_CLASSES = 2000  # of a size distribution; a laser granulometer gives a hundred, a model.toml up to 1000
 STIFFEST = 2e12  # [Pa], diamond has 1.2e12; a larger one makes a time step with which no run ends
 
 
@@ -286,6 +287,26 @@ def _spheres(value: Any) -> tuple[Sphere, ...]:
     return tuple(found)
 
 
+def _shares(value: Any) -> tuple[float, ...]:
+    return _each(value, "number", [0.3, 0.7])
+
+
+def _lengths(value: Any) -> tuple[float, ...]:
+    found = _each(value, "length", ["4 mm", "6 mm"])
+    if min(found) <= 0 or max(found) > LONGEST:
+        hint = "; a bare number is in m, write it with its unit" if any(map(_is_bare, value)) else ""
+        raise BadInput(f"{toml(value)} is out of range; lengths must be above 0 and at most {LONGEST:g} m{hint}.")
+    return found
+
+
+def _each(value: Any, dimension: str, example: list[Any]) -> tuple[float, ...]:
+    if not (isinstance(value, list) and value):
+        raise BadInput(f"{value!r} is not a list; write it like {toml(example)}.")
+    if len(value) > MOST_CLASSES:
+        raise BadInput(f"has {len(value)} numbers, and at most {MOST_CLASSES} are read.")
+    return tuple(si(one, dimension) for one in value)
+
+
 def _gyration(value: Any) -> tuple[float, ...]:
     if not (isinstance(value, list) and len(value) == 3):
         raise BadInput(f"{value!r} is not a list of three moments of inertia over the mass, in m^2.")
@@ -331,6 +352,8 @@ Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, UPSIDE_DOWN), Field(examples=["45 deg"])]
 Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
+Lengths = Annotated[tuple[float, ...], _edge(_lengths)]
+Shares = Annotated[tuple[float, ...], _edge(_shares)]
 Volume = Annotated[float, _quantity("volume", 0)]
 Gyration = Annotated[tuple[float, float, float], _edge(_gyration)]
 Clumped = Annotated[int, _edge(_clumped)]
@@ -370,6 +393,51 @@ class MaterialEntry(_Entry):
     poisson_ratio: Poisson = Field(description="Poisson's ratio")
 
 
+class SizesEntry(_Entry):
+    """Sizes of a particle: diameters of spheres; of clumps the diameters of spheres of their volume."""
+
+    law: Literal["list", "uniform", "normal", "lognormal", "sieve"] = Field(
+        examples=["sieve"],
+        description=(
+            '"list": diameters and shares; "uniform": smallest and largest; "normal": mean and standard_deviation; '
+            '"lognormal": median and spread; "sieve": meshes and passing'
+        ),
+    )
+    by: Literal["number", "mass"] | None = Field(
+        default=None,
+        examples=["mass"],
+        description="what the shares or the law count; by default mass for a list and a sieve, number for the others",
+    )
+    diameters: Lengths | None = Field(default=None, examples=[["4 mm", "6 mm"]], description="list: of each class")
+    shares: Shares | None = Field(default=None, examples=[[0.3, 0.7]], description="list: of each class")
+    mean: Length | None = Field(default=None, examples=["6 mm"], description="normal: of the diameters")
+    standard_deviation: Length | None = Field(
+        default=None, examples=["0.5 mm"], description="normal: of the diameters; cut off at three of them"
+    )
+    median: Length | None = Field(default=None, examples=["6 mm"], description="lognormal: of the diameters")
+    spread: Fraction | None = Field(
+        default=None,
+        examples=[0.2],
+        description="lognormal: standard deviation of the logarithm of the diameters; cut off at three of them",
+    )
+    smallest: Length | None = Field(
+        default=None, examples=["4 mm"], description="uniform, normal, lognormal: no diameter is below"
+    )
+    largest: Length | None = Field(
+        default=None, examples=["8 mm"], description="uniform, normal, lognormal: no diameter is above"
+    )
+    meshes: Lengths | None = Field(
+        default=None,
+        examples=[["2 mm", "4 mm", "5.6 mm", "8 mm"]],
+        description="sieve: openings, rising; nothing passes the first and all the last",
+    )
+    passing: Shares | None = Field(
+        default=None,
+        examples=[[0, 20, 70, 100]],
+        description="sieve: percent that passes each opening, from 0 to 100",
+    )
+
+
 class ParticleEntry(_Entry):
     """A sphere, or a rigid clump of spheres (own_particles.md); particles of the reference need no entry."""
 
@@ -400,6 +468,11 @@ class ParticleEntry(_Entry):
         default=None,
         examples=["0.2 mm"],
         description="in place of stl_spheres: largest distance of the surfaces of clump and particle",
+    )
+    size_distribution: SizesEntry | None = Field(
+        default=None,
+        examples=[{"law": "normal", "mean": "6 mm", "standard_deviation": "0.5 mm"}],
+        description="sizes, in place of diameter, under [particles.NAME.size_distribution]; a clump is scaled to them",
     )
 
 
@@ -1015,6 +1088,8 @@ def _section(parent: Key) -> type[_Entry]:
     if parent[0] == "experiments" and len(parent) > 2:
         tables: dict[str | int, type[_Entry]] = {"camera": CameraEntry, "files": FileEntry}
         return tables.get((*parent, "")[3]) or _EXPERIMENTS[str(parent[2])]
+    if parent[0] == "particles" and parent[2:] == ("size_distribution",):
+        return SizesEntry
     return _SECTIONS.get(str(parent[0]), LabFile)
 
 

@@ -99,6 +99,11 @@ def test_a_sphere_is_one_sphere_whatever_its_unit(tmp_path):
         assert found.error < 2e-3 * 3 * unit
 
 
+def test_the_facets_of_a_coarse_ball_are_no_reason_for_more_spheres():
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3 * MM)
+    assert len(filled(ball, spheres=24).clump.radii) == 1
+
+
 def test_a_changed_file_is_read_again(tmp_path):
     path = tmp_path / "grain.stl"
     trimesh.creation.icosphere(subdivisions=3, radius=3.0).export(path)

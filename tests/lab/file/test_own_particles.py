@@ -10,8 +10,10 @@ import trimesh
 
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.file.lab_file import read_cast, read_lab
+from rigtwin.lab.file.model_file import Model, read_model, write_model
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.size_distributions import listed, lognormal, normal, sieved, uniform
 
 MATERIAL = '[materials.ash]\ndensity = "720 kg/m^3"\nyoungs_modulus = "11 GPa"\npoisson_ratio = 0.44\n'
 
@@ -92,6 +94,79 @@ def test_the_stl_files_of_a_lab_are_known(grain):
     lab = read_lab(grain)
     assert lab.stl_files == (grain / "grain.stl",)
     assert lab.experiments[0].particle is lab.particles["own"]
+
+
+def sizes(folder: Path, keys: str, shape: str = "") -> Particle:
+    return own(folder, f"{shape}\n[particles.own.size_distribution]\n{keys}")
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ('law = "list"\ndiameters = ["4 mm", "6 mm"]\nshares = [30, 70]', listed([4e-3, 6e-3], [0.3, 0.7])),
+        ('law = "uniform"\nsmallest = "4 mm"\nlargest = "6 mm"', uniform(4e-3, 6e-3)),
+        (
+            'law = "normal"\nmean = "6 mm"\nstandard_deviation = "1 mm"\nby = "mass"\nsmallest = "4 mm"',
+            normal(6e-3, 1e-3, by="mass", smallest=4e-3),
+        ),
+        ('law = "lognormal"\nmedian = "6 mm"\nspread = 0.2', lognormal(6e-3, 0.2)),
+        (
+            'law = "sieve"\nmeshes = ["2 mm", "4 mm", "8 mm"]\npassing = [0, 20, 100]',
+            sieved([2e-3, 4e-3, 8e-3], [20, 80]),
+        ),
+    ],
+    ids=["list", "uniform", "normal", "lognormal", "sieve"],
+)
+def test_sizes_are_given_by_a_law_and_survive_a_model_file(tmp_path, keys, expected):
+    particle = sizes(tmp_path, keys)
+    assert particle.sizes is not None
+    assert particle.sizes.diameters == pytest.approx(expected.diameters)
+    assert particle.sizes.shares == pytest.approx(expected.shares)
+    assert particle.sizes.law == expected.law
+    assert particle.diameter == pytest.approx(expected.largest)
+    write_model(tmp_path / "model.toml", Model({"ash": particle.material}, {"own": particle}))
+    again = read_model(tmp_path / "model.toml").particles["own"]
+    assert again.mean_mass == pytest.approx(particle.mean_mass, rel=1e-6)
+    assert again.typical.diameter == pytest.approx(particle.typical.diameter, rel=1e-6)
+
+
+def test_a_clump_comes_in_the_sizes_of_spheres_of_its_volume(grain):
+    keys = 'law = "uniform"\nsmallest = "3 mm"\nlargest = "6 mm"'
+    particle = sizes(grain, keys, 'stl = "grain.stl"\nstl_spheres = 9\ndensity = 500')
+    assert particle.volume == pytest.approx(math.pi / 6 * 6e-3**3, rel=1e-6)
+    assert particle.mass == pytest.approx(500 * particle.volume)
+    assert 1 < len(particle.radii) <= 9
+    assert particle.smallest_size == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("keys", "where", "words"),
+    [
+        ('law = "sieve"\nmeshes = ["2 mm", "4 mm"]', ".law", "'sieve' needs passing; add passing = [0, 20, 70, 100]"),
+        ('law = "bimodal"', ".law", "'bimodal' is not known; write 'list', 'uniform'"),
+        ('mean = "6 mm"\nstandard_deviation = "1 mm"', ".law", 'this key is missing; add law = "sieve"'),
+        ('law = "normal"\nmean = "6 mm"\nstandard_deviation = "1 mm"\nshares = [1]', ".shares", "not used by"),
+        ('law = "normal"\nmean = "6 mm"\nstandart_deviation = "1 mm"', ".standart_deviation", "did you mean"),
+        ('law = "normal"\nmean = "6 mm"\nstandard_deviation = "3 mm"', "", "no diameter is left; give the smallest"),
+        ('law = "lognormal"\nmedian = "6 mm"\nspread = 0.9', "", "the largest diameter is 221 times the smallest"),
+        ('law = "list"\ndiameters = ["4 mm"]\nshares = [1, 2]', "", "1 diameters and 2 shares were given"),
+        ('law = "sieve"\nmeshes = ["2 mm", "4 mm"]\npassing = [0, 90]', "", "percents that rise from 0 to 100"),
+        ('law = "sieve"\nmeshes = ["2 mm", "4 mm"]\npassing = [0, 9, 100]', "", "2 meshes and 3 numbers"),
+        ('law = "list"\ndiameters = [4, "1 km"]\nshares = [1, 2]', ".diameters", "a bare number is in m"),
+        ('law = "list"\ndiameters = "4 mm"\nshares = [1]', ".diameters", "is not a list"),
+    ],
+)
+def test_what_is_wrong_with_sizes_is_said_in_one_sentence(tmp_path, keys, where, words):
+    with pytest.raises(BadLabFile) as refused:
+        sizes(tmp_path, keys)
+    assert f": particles.own.size_distribution{where}: " in str(refused.value), str(refused.value)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(("shape", "words"), [('diameter = "6 mm"', "leave one"), ('mass = "1 g"', "give density")])
+def test_one_diameter_or_one_mass_beside_sizes_is_refused(tmp_path, shape, words):
+    with pytest.raises(BadLabFile, match=words):
+        sizes(tmp_path, 'law = "uniform"\nsmallest = "3 mm"\nlargest = "6 mm"', shape)
 
 
 @pytest.mark.parametrize(
