@@ -95,6 +95,24 @@ class Sizes:
         # within the interval the mass rises with the fourth power
         return float((a[at] ** 4 + part * (b[at] ** 4 - a[at] ** 4)) ** 0.25)
 
+    def classes(self, most: int = 10) -> list[tuple[float, float]]:
+        """Diameter [m] of equal particles and share of the mass, of each of at most so many classes."""
+        import numpy as np
+
+        if self.diameters[::2] == self.diameters[1::2] and len(self.diameters) <= 2 * most:
+            d, numbers = np.array(self.diameters[::2]), np.diff(self.shares)[::2]
+            cubes = numbers * d**3
+        else:
+            ends = np.linspace(self.smallest, self.largest, most + 1)
+            fine = np.union1d(self.diameters, ends)
+            shares, a, b = np.diff(np.interp(fine, self.diameters, self.shares)), fine[:-1], fine[1:]
+            first = np.searchsorted(fine, ends[:-1])
+            numbers = np.add.reduceat(shares, first)
+            cubes = np.add.reduceat(shares * (a + b) * (a**2 + b**2) / 4, first)
+        held = numbers > 0
+        diameters = np.cbrt(cubes[held] / numbers[held])
+        return list(zip(diameters.tolist(), (cubes[held] / cubes.sum()).tolist(), strict=True))
+
     def draw(self, count: int, rng: np.random.Generator) -> Array:
         """`count` diameters [m]: one at random in each of so many equal shares of the number, in random order."""
         import numpy as np

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import numpy as np
+
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.decks.deck import END, RECORD, Deck
 from rigtwin.sim.decks.scene import Drain, Lift, Open, Pour, Settle, Turn
@@ -17,11 +20,17 @@ def positions(deck: Deck, types: int) -> str:
     """Data file with the beads that are there at the start; `types` is the number of materials."""
     scene, bead = deck.scene, deck.particle
     bounds = [f"{a:.9g} {b:.9g} {axis}lo {axis}hi" for a, b, axis in zip(scene.low, scene.high, "xyz", strict=True)]
-    kind = f"1 {bead.diameter:.10g} {bead.effective_density:.10g}"
-    atoms = [f"{i} {kind} {_three(place)}" for i, place in enumerate(scene.places, 1)]
+    wide, density = diameters(deck), f"{bead.effective_density:.10g}"
+    atoms = [f"{i} 1 {wide[i - 1]:.10g} {density} {_three(place)}" for i, place in enumerate(scene.places, 1)]
     speeds = [f"{i} {_three(speed)} 0 0 0" for i, speed in enumerate(scene.velocities, 1)]
     head = [f"{bead.name}, written by rigtwin", "", f"{len(atoms)} atoms", f"{types} atom types", *bounds]
     return "\n".join([*head, "", "Atoms", "", *atoms, "", "Velocities", "", *speeds, ""])
+
+
+def diameters(deck: Deck) -> Array:
+    """Of all beads, by their number [m]."""
+    sizes = deck.scene.sizes
+    return deck.particle.diameter * (np.ones(deck.scene.count) if sizes is None else sizes)
 
 
 def start(deck: Deck, types: int) -> str:
@@ -36,7 +45,7 @@ def start(deck: Deck, types: int) -> str:
 
 def poured(deck: Deck) -> str:
     """Commands that insert the batches of beads, `LOOK` apart."""
-    bead, steps = deck.particle, deck.steps(LOOK)
+    steps = deck.steps(LOOK)
     lines, number = [f"# inserts the beads in batches, {LOOK:g} s apart"], len(deck.scene.places)
     for stage in deck.scene.stages:
         for batch in stage.batches if isinstance(stage, Pour) else ():
@@ -45,13 +54,23 @@ def poured(deck: Deck) -> str:
                 assert isinstance(stage, Pour)
                 lines += [
                     f"group new id {number + 1}:{number + len(batch)}",
-                    f"set group new diameter {bead.diameter:.10g} density {bead.effective_density:.10g}",
+                    *_sized(deck, number, len(batch)),
                     f"velocity new set 0 0 {-stage.speed:.10g} units box",
                     "group new delete",
                 ]
             number += len(batch)
             lines.append(f"run {steps}")
     return "\n".join(lines) + "\n"
+
+
+def _sized(deck: Deck, number: int, count: int) -> list[str]:
+    """Commands that give `count` new beads after the first `number` their size."""
+    wide, density = diameters(deck)[number : number + count], f"density {deck.particle.effective_density:.10g}"
+    if deck.scene.sizes is None:
+        return [f"set group new diameter {wide[0]:.10g} {density}"]
+    # the density last: a new diameter keeps the mass
+    each = [f"set atom {number + k} diameter {diameter:.10g}" for k, diameter in enumerate(wide, start=1)]
+    return [*each, f"set group new {density}"]
 
 
 def stages(
@@ -85,7 +104,8 @@ def _stages(
         elif isinstance(stage, Open):
             yield f"\n# {stage.wall}: removed\n{opened(stage.wall)}"
         elif isinstance(stage, Settle):
-            mean = stage.still.energy * deck.particle.mass * GRAVITY * deck.particle.radius
+            bead = deck.particle
+            mean = stage.still.energy * bead.mean_mass * GRAVITY * bead.typical.radius
             rest = f'"${{fastest}} < {stage.still.speed:g} && ${{energy}} < {mean:.6g}"'
             yield f"\n# until the beads rest, at most {stage.limit:g} s\n"
             yield _loop(

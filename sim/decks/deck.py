@@ -17,6 +17,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+from rigtwin.lab.size_distributions import Sizes
 from rigtwin.lab.version import __version__
 from rigtwin.sim.decks.scene import BulkRig, Scene, scene_of
 from rigtwin.sim.engine.time_step import USUAL, positive, time_step
@@ -87,7 +88,7 @@ class Deck:
         """Walls, start positions and stages."""
         from rigtwin.sim.engine.bulk.bulk import STEP_IN_RADII
 
-        fastest = STEP_IN_RADII * self.particle.radius / self.time_step
+        fastest = STEP_IN_RADII * self.particle.smallest_radius / self.time_step
         options = dict(self.options or {})
         return scene_of(self.rig, self.particle, count=self.count, seed=self.seed, fastest=fastest, **options)
 
@@ -117,7 +118,15 @@ class Deck:
     def warnings(self) -> tuple[str, ...]:
         """What the deck does otherwise than rigtwin's own twin, and warnings about its settings."""
         step = time_step([self.soft], self.time_step_fraction, forced=self.forced)[1]
-        return (*self.scene.warnings, *step, *_writer(self.code).differences(self))
+        return (*self.scene.warnings, *step, *_writer(self.code).differences(self), *self._of_sizes())
+
+    def _of_sizes(self) -> tuple[str, ...]:
+        if self.particle.sizes is None:
+            return ()
+        return (
+            "rolling resistance is exact between beads of the same size: between others the code takes an effective "
+            "radius, and springs and dashpots of rolling are those of the median size by mass",
+        )
 
     def files(self) -> dict[str, str]:
         """Content of the deck's files by name, the description included."""
@@ -157,6 +166,9 @@ def read_deck(folder: Path) -> Deck:
         rig = {name: value for name, value in said["rig"].items() if name != "name"}
         bead = dict(said["particle"])
         bead["material"] = Material(**bead["material"])
+        if bead.get("sizes") is not None:
+            law = bead["sizes"]
+            bead["sizes"] = Sizes(tuple(law["diameters"]), tuple(law["shares"]), law["law"])
         return Deck(
             code=said["code"],
             rig=RIGS[said["rig"]["name"]](**rig),
@@ -179,9 +191,10 @@ def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
     """Stiffness S_t R^2 [N m/rad] of type C's rolling spring under `LOAD`; `radius` [m] is the effective one."""
     from rigtwin.lab.rigs import GRAVITY
 
-    force = LOAD * deck.particle.mass * GRAVITY
+    bead = deck.particle.typical
+    force = LOAD * bead.mass * GRAVITY
     overlap = (force / (4 / 3 * law.effective_modulus * math.sqrt(radius))) ** (2 / 3)
-    return 8 * law.effective_shear * math.sqrt(radius * overlap) * deck.particle.radius**2
+    return 8 * law.effective_shear * math.sqrt(radius * overlap) * bead.radius**2
 
 
 def triangles(shape: Shape) -> Array:

@@ -62,7 +62,8 @@ def files(deck: Deck) -> dict[str, str]:
 
 def _coefficients(deck: Deck) -> tuple[tuple[float, ...], tuple[float, ...]]:
     among, against = deck.laws
-    radius, inertia = deck.particle.radius, deck.particle.moments[0]
+    bead = deck.particle.typical
+    radius, inertia = bead.radius, bead.moments[0]
 
     def each(law: PairLaw, effective: float, other: float, shared: float) -> tuple[float, ...]:
         spring = rolling_stiffness(deck, law, effective)

@@ -23,6 +23,7 @@ class Frame:
     ident: npt.NDArray[np.int64]  # shape (n,), number in the order of adding, from 0
     position: Array  # [m], shape (n, 3)
     velocity: Array  # [m/s], shape (n, 3)
+    sizes: Array | None = None  # of all spheres by their number, over the largest; None: all alike
 
     def beads(self, particle: Particle) -> Beads:
         """The spheres, all of them of this particle; their spin is not known and taken as zero."""
@@ -30,8 +31,12 @@ class Frame:
 
         count = len(self.ident)
         kind, still = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
-        radius, mass = np.full(count, particle.radius), np.full(count, particle.mass)
+        radius, mass = particle.radius * self._size, particle.mass * self._size**3
         return Beads(self.ident, kind, self.position, self.velocity, still, radius, mass)
+
+    @property
+    def _size(self) -> Array:
+        return np.ones(len(self.ident)) if self.sizes is None else self.sizes[self.ident]
 
     def grains(self, particle: Particle) -> Grains:
         """The same spheres as particles."""
@@ -39,5 +44,5 @@ class Frame:
 
         count = len(self.ident)
         kind, still, turn = np.zeros(count, dtype=np.int64), np.zeros((count, 3)), np.zeros((count, 4))
-        mass = np.full(count, particle.mass)
+        mass = particle.mass * self._size**3
         return Grains(self.ident, kind, self.position, self.velocity, still, turn, mass, still)
