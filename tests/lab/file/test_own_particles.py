@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,15 @@ def test_the_cube_of_the_paper_as_a_list_is_the_cube_of_the_paper(tmp_path):
     assert particle.volume == pytest.approx(cube.volume, rel=1e-6)
     assert particle.shape.gyration == pytest.approx(cube.shape.gyration, rel=1e-5)
     assert particle.mass == pytest.approx(cube.mass, rel=1e-12)
+
+
+def test_a_symmetric_clump_of_the_paper_comes_back_to_the_bit(tmp_path):
+    """Its twins then give identical numbers, as runs are reproducible to the bit."""
+    cube = hlosta2020.particle("C6_8s-a")
+    rows = [[*place, 2 * radius] for place, radius in zip(cube.shape.offsets, cube.shape.radii, strict=True)]
+    keys = f"spheres = {rows!r}\ndensity = {cube.density!r}"
+    (tmp_path / "lab.toml").write_text(f'[particles.own]\nmaterial = "wood_ash"\n{keys}\n')
+    assert read_cast(tmp_path).particles["own"] == replace(cube, name="own")
 
 
 def test_an_stl_file_gives_a_clump_with_the_mass_of_the_body(grain):
