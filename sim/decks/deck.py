@@ -17,7 +17,6 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
-from rigtwin.lab.size_distributions import Sizes
 from rigtwin.lab.version import __version__
 from rigtwin.sim.decks.scene import BulkRig, Scene, scene_of
 from rigtwin.sim.engine.time_step import USUAL, positive, time_step
@@ -58,7 +57,7 @@ class Deck:
         if self.code not in CODES:
             raise BadInput(f"code: {self.code!r} is unknown; use {', '.join(map(repr, CODES))}.")
         if self.particle.shape is not None:
-            raise BadInput(f"{self.particle.name}: is a clump of spheres; decks are written for single spheres only.")
+            self._check_clump()
         if isinstance(self.rig, Pile) and self.rig.variant == "pouring" and self.code != "liggghts":
             raise BadInput(
                 f"method: a deck for {TITLES[self.code]} holds no tube that is lifted; export a pile by piling or "
@@ -67,6 +66,24 @@ class Deck:
         positive(stiffness_factor=self.stiffness_factor)
         if self.stiffness_factor > 1:
             raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} is above 1; give at most 1.")
+
+    def _check_clump(self) -> None:
+        if self.code != "lammps":
+            raise BadInput(
+                f"{self.particle.name}: is a clump of spheres, and a deck for {TITLES[self.code]} holds single spheres "
+                "only; export a packing or a drum for LAMMPS."
+            )
+        if not isinstance(self.rig, (Packing, Drum)):
+            raise BadInput(
+                f"{self.particle.name}: is a clump of spheres, and LAMMPS ends where one leaves the rig; export a "
+                "packing or a drum."
+            )
+
+    @property
+    def contact_radius(self) -> float:
+        """Radius [m] that stands for those of all spheres in contacts."""
+        radii = self.particle.typical.radii
+        return sum(radii) / len(radii)
 
     @cached_property
     def soft(self) -> Particle:
@@ -160,19 +177,17 @@ class Deck:
 
 def read_deck(folder: Path) -> Deck:
     """The deck in a folder that `rigtwin export` wrote; raises `BadInput` where there is none."""
+    from pydantic import TypeAdapter
+
     path = folder / DESCRIPTION
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
         rig = {name: value for name, value in said["rig"].items() if name != "name"}
-        bead = dict(said["particle"])
-        bead["material"] = Material(**bead["material"])
-        if bead.get("sizes") is not None:
-            law = bead["sizes"]
-            bead["sizes"] = Sizes(tuple(law["diameters"]), tuple(law["shares"]), law["law"])
+        bead = {name: value for name, value in said["particle"].items() if name != "smallest"}
         return Deck(
             code=said["code"],
             rig=RIGS[said["rig"]["name"]](**rig),
-            particle=Particle(**bead),
+            particle=TypeAdapter(Particle).validate_python(bead),
             wall=Material(**said["wall"]),
             contact=Contact(**said["contacts"]["particle-particle"]),
             wall_contact=Contact(**said["contacts"]["particle-wall"]),
@@ -194,7 +209,7 @@ def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
     bead = deck.particle.typical
     force = LOAD * bead.mass * GRAVITY
     overlap = (force / (4 / 3 * law.effective_modulus * math.sqrt(radius))) ** (2 / 3)
-    return 8 * law.effective_shear * math.sqrt(radius * overlap) * bead.radius**2
+    return 8 * law.effective_shear * math.sqrt(radius * overlap) * deck.contact_radius**2
 
 
 def triangles(shape: Shape) -> Array:

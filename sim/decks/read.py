@@ -77,7 +77,7 @@ def record_of(folder: Path, deck: Deck) -> Any:
         return [replace(one, sizes=sizes) for one in frames(folder / name, deck.time_step)]
 
     [*_, last] = read(END)
-    if len(last.ident) and (last.ident[-1] >= count or last.ident[0] < 0):
+    if len(last.ident) and (last.ident[-1] >= count * len(bead.radii) or last.ident[0] < 0):
         raise BadInput(f"{folder / END}: has other beads than the {count} of the deck; run the deck again.")
     if isinstance(rig, Packing):
         return packing.replayed(rig, bead, last, asked=count, pour_rate=options.get("pour_rate"))

@@ -97,6 +97,8 @@ class Scene:
     warnings: tuple[str, ...] = ()
     sizes: Array | None = None
     """Sizes over that of the largest particle, shape (count,), in the order of their numbers; None: all alike."""
+    turns: Array | None = None
+    """Orientations of clumps, shape (count, 4): quaternions, the real part first."""
 
     @property
     def count(self) -> int:
@@ -173,7 +175,8 @@ def _packing(
         filling.need_bearable_fall("cylinder_height", source.height, source.speed, fastest)
         low, high = packing.domain_of(rig, particle, source, None)
         sizes = filling.Course(random=random).sizes(count, particle)
-        stages = (_poured(source, particle, count, sizes, random), Settle(settle_limit, AT_REST))
+        pour, turns = _poured(source, particle, count, sizes, random)
+        stages = (pour, Settle(settle_limit, AT_REST))
     else:
         above = packing.Hopper(rig.hopper_diameter, source, particle, count)
         walls |= dict(zip(("slide", "cone", "bin"), above.shapes, strict=True))
@@ -181,11 +184,12 @@ def _packing(
         box = np.array([-wide, -wide, source.height]), np.array([wide, wide, above.top])
         funnel = filling.in_funnel(source.diameter, above.diameter, above.cone_height, source.height)
         places, velocities, sizes = filling.scattered(count, funnel, box, particle, random)
+        turns = filling.turns_of(count, particle, random)
         low, high = packing.domain_of(rig, particle, source, above)
         flows = _longest_flow(particle, source.diameter, count)
         stages = (Settle(fill_limit, SETTLED), Open("slide"), Settle(flows + settle_limit, AT_REST))
     middle = np.array([0.0, 0.0, rig.cylinder_height / 2])
-    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle, sizes=sizes)
+    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle, (), sizes, turns)
 
 
 def _pile(
@@ -229,8 +233,9 @@ def _pile(
     assert isinstance(method, Piling)
     walls = dict(zip(("base", "rim"), method.shapes, strict=False))
     sizes = filling.Course(random=random).sizes(count, particle)
-    stages = (_poured(method.outlet, particle, count, sizes, random), Settle(settle_limit, AT_REST))
-    return Scene(rig, walls, NOTHING, NOTHING, stages, low, high, inside, said, sizes)
+    pour, turned = _poured(method.outlet, particle, count, sizes, random)
+    stages = (pour, Settle(settle_limit, AT_REST))
+    return Scene(rig, walls, NOTHING, NOTHING, stages, low, high, inside, said, sizes, turned)
 
 
 def _lifted(
@@ -268,11 +273,13 @@ def _drum(
     places, velocities, sizes = filling.scattered(
         drum.filled(rig, particle) if count is None else count, inside, box, particle, random, said
     )
+    turned = filling.turns_of(len(places), particle, random)
     low, high = drum.domain(rig, depth, particle)
     walls = dict(zip(("shell", "front", "back"), drum.shapes(rig, depth), strict=True))
     turn = Turn(rig.speed, turns * 2 * math.pi / abs(rig.speed), interval)
     stages = (Settle(fill_limit, SETTLED), turn)
-    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), np.zeros(3), sizes=sizes)
+    middle = np.zeros(3)
+    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle, (), sizes, turned)
 
 
 def _hopper(
@@ -307,9 +314,10 @@ def _longest_flow(particle: Particle, outlet: float, count: int) -> float:
 
 def _poured(
     source: filling.Outlet, particle: Particle, count: int, sizes: Array | None, random: np.random.Generator
-) -> Pour:
-    """Batches of beads that find room below the outlet, while earlier ones fall freely."""
+) -> tuple[Pour, Array | None]:
+    """Batches of beads that find room below the outlet, while earlier ones fall freely; and the turns of clumps."""
     batches: list[Array] = []
+    turns: list[Array] = []
     wide = np.full(count, particle.diameter) if sizes is None else particle.diameter * sizes
     falling, speeds, radii, placed = NOTHING, np.zeros(0), np.zeros(0), 0
     patience = 0
@@ -317,6 +325,8 @@ def _poured(
         due = filling.due_at(source, len(batches) * LOOK, count) - placed
         new = filling.places(falling, radii, source, wide[placed : placed + max(due, 0)], random)
         batches.append(new)
+        if (turned := filling.turns_of(len(new), particle, random)) is not None:
+            turns.append(turned)
         radii = np.append(radii, wide[placed : placed + len(new)] / 2)
         placed += len(new)
         patience = 0 if len(new) or due <= 0 else patience + 1
@@ -327,4 +337,4 @@ def _poured(
         falling, speeds, radii = falling[near], speeds[near], radii[near]
     if placed < count:
         raise BadInput(f"count: only {placed} of {count} beads find room below the outlet; give a wider outlet.")
-    return Pour(source.speed, tuple(batches))
+    return Pour(source.speed, tuple(batches)), np.concatenate(turns) if turns else None

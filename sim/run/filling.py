@@ -271,7 +271,7 @@ def scatter(
     They are placed on the loosest lattice that fits, filled from below, with a random shift from each site.
     """
     places, velocities, sizes = scattered(count, inside, box, particle, random)
-    bulk.add(places, velocities, turn=_turns(len(places), particle, random), scale=sizes)
+    bulk.add(places, velocities, turn=turns_of(len(places), particle, random), scale=sizes)
 
 
 def scattered(
@@ -322,7 +322,7 @@ def scatter_in_turns(
         if len(new):
             places, velocities = _shaken(new, shift, course.random)
             scale = None if rest is None else rest[: len(new)]
-            bulk.add(places, velocities, turn=_turns(len(new), particle, course.random), scale=scale)
+            bulk.add(places, velocities, turn=turns_of(len(new), particle, course.random), scale=scale)
         course.patience = 0 if len(new) else course.patience + 1
         course.placed += len(new)
         if course.placed < count:
@@ -419,7 +419,7 @@ def _shaken(sites: Array, shift: Array, random: np.random.Generator) -> tuple[Ar
     return places, random.normal(0, THROWN, sites.shape)
 
 
-def _turns(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
+def turns_of(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
     """Random orientations of clumps, quaternions of shape (count, 4)."""
     return None if particle.shape is None else random.normal(size=(count, 4))
 
