@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     Facets = npt.NDArray[np.intp]  # shape (n, 3), numbers of corners
 
-LARGEST_STL = 64 * 2**20  # [bytes], a text file of 250 000 facets; scans are written with fewer after decimation
-MOST_FACETS = 200_000  # the filling takes about 10 s with so many
+LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
+MOST_FACETS = 100_000  # the filling takes about 10 s with so many; scans are simplified before
 MOST_SPHERES = 300  # of one clump; a heap of 1000 such particles has as many spheres as the engine takes in an hour
 STL_SPHERES = 24  # where nothing is said: as many as the paper's clump of a cube with the calibrated parameters
 THINNEST = 1e-3  # [1], volume over that of the box around the body; a coin of 20 mm by 0.1 mm has 4e-3
