@@ -113,6 +113,7 @@ def report(
         sections=[_section(outcome, out, drawn[outcome.experiment.id]) for outcome in comparison.outcomes],
         methods=methods(comparison, provenance["versions"]) if text is None else text,
         borrowed=comparison.lab.borrowed,
+        notes=comparison.lab.notes,
         remarks=comparison.remarks,
         provenance=provenance,
         command=shlex.join(provenance["command_line"]),

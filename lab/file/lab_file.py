@@ -17,6 +17,7 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.file.own_particles import filling_in_words
 from rigtwin.lab.file.repetitions import Views, expanded
 from rigtwin.lab.file.schema import (
     Bracketed,
@@ -105,6 +106,8 @@ class Lab:
     """Standard uncertainties that are stated, by key: SI, or relative."""
     stl_files: tuple[Path, ...] = ()
     """STL files that describe particles."""
+    notes: tuple[str, ...] = ()
+    """How near the clump of each particle with an STL file comes to it."""
 
     def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
         """The contact of two names in any order.  Raises `BadInput` when a parameter in `needs` is not known."""
@@ -154,6 +157,11 @@ def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
         borrowed=tuple(dict.fromkeys(inventory.borrowed)),
         path=path,
         uncertainty=file.uncertainty.model_dump(exclude_none=True),
+        notes=tuple(
+            filling_in_words(name, entry, path.parent)
+            for name, entry in file.particles.items()
+            if entry.stl is not None
+        ),
         stl_files=tuple(path.parent / entry.stl for entry in file.particles.values() if entry.stl is not None),
     )
 

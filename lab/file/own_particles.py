@@ -23,7 +23,7 @@ from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
 from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has, sized
 from rigtwin.lab.size_distributions import Law, Sizes, listed, lognormal, normal, sieved, uniform
-from rigtwin.lab.stl_grain import filled_file
+from rigtwin.lab.stl_grain import SphereFilling, filled_file
 
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
 APART = 1e-6  # [radii], gap of two spheres that still touch: rounding of written numbers
@@ -128,6 +128,22 @@ def _density(entry: ParticleEntry, volume: float) -> float | None:
     return entry.density if entry.mass is None else entry.mass / volume
 
 
+def filling_in_words(name: str, entry: ParticleEntry, folder: Path) -> str:
+    """How near the clump of a particle comes to its STL file."""
+    assert entry.stl is not None
+    found = _filling(entry, folder)
+    count = len(found.clump.radii)
+    return (
+        f"particle {name}: {count} sphere{'s' if count > 1 else ''} in place of {entry.stl}, within "
+        f"{1e3 * found.error:.2g} mm of its surface, enlarged by {1e3 * found.enlarged:.2g} mm to its volume"
+    )
+
+
+def _filling(entry: ParticleEntry, folder: Path) -> SphereFilling:
+    assert entry.stl is not None
+    return filled_file(folder / entry.stl, UNITS[entry.stl_unit], spheres=entry.stl_spheres, error=entry.stl_error)
+
+
 def _shape(entry: ParticleEntry, folder: Path, allow_outside: bool) -> Clump | None:
     if entry.stl is not None:
         path = folder / entry.stl
@@ -135,7 +151,7 @@ def _shape(entry: ParticleEntry, folder: Path, allow_outside: bool) -> Clump | N
         if outside and not allow_outside:
             raise BadInput(f"{path} {OUTSIDE}")
         with unquoted(path, outside=outside):
-            return filled_file(path, UNITS[entry.stl_unit], spheres=entry.stl_spheres, error=entry.stl_error).clump
+            return _filling(entry, folder).clump
     if entry.spheres is None:
         return None
     if isinstance(entry, ModelParticleEntry) and entry.volume is not None and entry.gyration is not None:

@@ -105,6 +105,7 @@ def test_the_report_says_what_stands_for_all_sizes_and_the_stl_file_is_an_input(
     assert "sieved, 2 classes from 3 mm to 6 mm: 3 to 6 mm, median by mass" in page
     assert "gravel is one particle of" in page
     assert "2 spheres" in page
+    assert "particle ball: 1 sphere in place of ball.stl, within 0.0" in page
     inputs = {item["file"] for item in json.loads((compared / "provenance.json").read_text())["inputs"]}
     assert {"lab.toml", "ball.stl", "packing.jpg"} <= inputs
 
