@@ -103,6 +103,7 @@ def page() -> str:
     parts += _part("[lab]", schema.LabEntry)
     parts += _part("[materials.NAME]", schema.MaterialEntry)
     parts += _part("[particles.NAME]", schema.ParticleEntry)
+    parts += _part("[particles.NAME.size_distribution]", schema.SizesEntry)
     parts += _part("[contacts.NAME-NAME]", schema.ContactEntry)
     parts.append(
         f"\nWithout an entry: materials {', '.join(hlosta2020.MATERIALS)}; particles {', '.join(hlosta2020.NAMES)}; "
@@ -165,7 +166,7 @@ def template() -> str:
     lines = [TEMPLATE_HEAD, *_entry("[lab]", keys(schema.LabEntry), live={"title"})]
     lines += [*_rule("what particles and walls are made of"), *_known()]
     for table, entry in (("materials", schema.MaterialEntry), ("particles", schema.ParticleEntry)):
-        lines += _entry(f"[{table}.{OWN[table]}]", keys(entry), live={"mass"})
+        lines += _entry(f"[{table}.{OWN[table]}]", keys(entry), live={"mass", "diameter"})
     lines += [*_rule("what is known of the contacts: for the twins; measuring needs none of it")]
     lines += ["# Names of two particles, or of a particle and a wall.  Leave out what is not known.", ""]
     for number, other in enumerate(("steel", "PMMA", OWN["particles"])):
@@ -272,7 +273,8 @@ def silent() -> list[str]:
     tables = {
         "lab": schema.LabEntry, "materials": schema.MaterialEntry, "particles": schema.ParticleEntry,
         "contacts": schema.ContactEntry, "uncertainty": schema.UncertaintyEntry, "camera": schema.CameraEntry,
-        "files": schema.FileEntry, "experiments": schema._ExperimentEntry, **schema.experiment_entries(),
+        "sizes": schema.SizesEntry, "files": schema.FileEntry, "experiments": schema._ExperimentEntry,
+        **schema.experiment_entries(),
     }  # fmt: skip
     common = set(schema._ExperimentEntry.model_fields)
     return [

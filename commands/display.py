@@ -194,6 +194,8 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
     _tell_doubtful(console, primary)
     for warning in comparison_warnings(comparison):
         console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    for sentence in comparison.lab.notes:
+        console.print(f"[dim]note:[/dim] {escape(sentence)}")
     for sentence in comparison.lab.borrowed:
         console.print(f"[dim]borrowed:[/dim] {escape(sentence)}")
     for path in comparison.files.values():

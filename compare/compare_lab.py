@@ -352,7 +352,7 @@ def provenance(comparison: Comparison, figures: Sequence[Drawn] = ()) -> dict[st
         "seed": comparison.seed,
         "inputs": [
             {"file": result_files.relative(path, lab.folder), "sha256": sha256(path)}
-            for path in dict.fromkeys([lab.path, *media])
+            for path in dict.fromkeys([lab.path, *lab.stl_files, *media])
         ],
         "model": {
             "materials": {name: asdict(material) for name, material in lab.model.materials.items()},

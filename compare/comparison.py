@@ -113,6 +113,7 @@ class Comparison:
             "shapes": [shape.row(outcome.experiment.id) for outcome in self.outcomes for shape in outcome.shapes],
             "experiments": [_experiment_json(outcome) for outcome in self.outcomes],
             "borrowed": list(self.lab.borrowed),
+            "particles_from_stl": list(self.lab.notes),
             "remarks": list(self.remarks),
             "files": {name: str(path) for name, path in self.files.items()},
         }

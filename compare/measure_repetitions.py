@@ -217,4 +217,4 @@ def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None, **
 
 def known(experiment: Experiment) -> dict[str, Any]:
     """Return the keyword arguments of the rig's `measure` that the lab file states."""
-    return {"bead_diameter": experiment.particle.diameter, **entry_of(experiment).known(experiment)}
+    return {"bead_diameter": experiment.particle.typical.diameter, **entry_of(experiment).known(experiment)}

@@ -4,7 +4,7 @@ What an experiment is:
 
 - `rigs`: geometry and settings of each rig, and the list of rigs.
 - `materials`: materials, particles and contacts.
-- `clumps`, `size_distributions`: shapes of clumps; sizes of particles that are not alike.
+- `clumps`, `stl_grain`, `size_distributions`: shapes of clumps, also in place of an STL body; sizes that are not alike.
 - `camera`: what is stated of the camera and of places in the picture.
 - `file/`: reads lab.toml and model.toml.
 - `tracked/`: reads tables of tracked data.

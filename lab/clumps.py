@@ -11,14 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations, product
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rigtwin.lab.errors import BadInput
 
 if TYPE_CHECKING:
-    from trimesh import Trimesh
-
     from rigtwin.lab.arrays import Array
 
 
@@ -41,6 +38,16 @@ class Clump:
     def reach(self) -> float:
         """Radius [m] of the sphere about the centre of mass that holds the clump."""
         return max(math.hypot(*place) + radius for place, radius in zip(self.offsets, self.radii, strict=True))
+
+    def scaled(self, factor: float) -> Clump:
+        """All lengths times a factor."""
+        x, y, z = (factor**2 * one for one in self.gyration)
+        return Clump(
+            tuple((factor * a, factor * b, factor * c) for a, b, c in self.offsets),
+            tuple(factor * radius for radius in self.radii),
+            factor**3 * self.volume,
+            (x, y, z),
+        )
 
 
 @dataclass(frozen=True)
@@ -70,13 +77,20 @@ def _clump(offsets: tuple[Vector, ...], radii: tuple[float, ...], accuracy: floa
 
     whole = mass_properties(offsets, radii, accuracy=accuracy)
     tensor = np.array(whole.inertia) / whole.volume
-    axes = np.eye(3)
-    if np.abs(tensor - np.diag(np.diag(tensor))).max() > accuracy * np.trace(tensor):
-        _moments, axes = np.linalg.eigh(tensor)
-        axes *= np.sign(np.linalg.det(axes))
+    axes = principal_axes(tensor, accuracy)
     places = (np.array(offsets) - np.array(whole.centre)) @ axes
     gyration = np.diag(axes.T @ tensor @ axes)
     return Clump(tuple(map(_vector, places.tolist())), radii, whole.volume, _vector(gyration.tolist()))
+
+
+def principal_axes(tensor: Array, accuracy: float = ACCURACY) -> Array:
+    """Right-handed principal axes of an inertia tensor, as columns; the given ones where they are that already."""
+    import numpy as np
+
+    if np.abs(tensor - np.diag(np.diag(tensor))).max() <= accuracy * np.trace(tensor):
+        return np.eye(3)
+    _moments, axes = np.linalg.eigh(tensor)
+    return np.asarray(axes * np.sign(np.linalg.det(axes)))
 
 
 def _vector(numbers: Sequence[float]) -> Vector:
@@ -174,115 +188,3 @@ def cubic(side: float, *orbits: tuple[tuple[float, float, float], float]) -> Clu
         places += sorted(found)
         radii += [radius] * len(found)
     return clump(places, radii)
-
-
-# ---------------------------------------------------------------------- filling a body
-
-GRID = 40  # points along the longest side, at which the body is looked at
-CANDIDATES = 4000  # places tried as centres
-CLIMB = 6  # times that a chosen place looks round for a deeper one, each time half as far
-
-
-def filled(body: Trimesh | Path, count: int, *, seed: int = 1) -> Clump:
-    """`count` spheres inside a closed body [m] (a mesh, or an STL file in metres), each as large as fits.
-
-    Each next sphere is the one that covers most of what the others leave free, of some thousand places.  The spheres
-    touch the surface from inside and never pass it, so the clump is a little smaller than the body; its mass is set by
-    its density.  Primitives are `trimesh.creation.box` and the like.
-    """
-    import numpy as np
-    from scipy.sparse import csr_array
-    from scipy.spatial import cKDTree
-    from trimesh.remesh import subdivide_to_size
-
-    mesh = _closed(body)
-    if count < 1:
-        raise BadInput(f"clump: {count} spheres fill nothing; give at least 1.")
-    rng = np.random.default_rng(seed)
-    inside, pitch = _points_inside(mesh)
-    samples = subdivide_to_size(mesh.vertices, mesh.faces, pitch)[0]  # type: ignore[no-untyped-call]
-    surface = cKDTree(samples)
-    places = inside[rng.permutation(len(inside))[:CANDIDATES]]
-    radii = surface.query(places)[0]
-    reached = cKDTree(inside).query_ball_point(places, radii)
-    ends = np.cumsum([0, *map(len, reached)])
-    covers = csr_array((np.ones(ends[-1], np.float32), np.concatenate(reached), ends), (len(places), len(inside)))
-    free = np.ones(len(inside), np.float32)
-    chosen: list[Array] = []
-    for _ in range(count):
-        gains = np.asarray(covers @ free)
-        best = int(np.argmax(gains))
-        if gains[best] < 1:
-            raise BadInput(f"clump: {len(chosen)} spheres already fill the body; give no more than {len(chosen)}.")
-        place = places[best]
-        for narrower in range(CLIMB):
-            near = place + rng.uniform(-pitch, pitch, (100, 3)) / 2**narrower
-            place = np.vstack([place, near])[int(np.argmax(surface.query(np.vstack([place, near]))[0]))]
-        covered = ((inside - place) ** 2).sum(axis=1) <= surface.query(place)[0] ** 2
-        if covered @ free < gains[best]:  # deeper, and so larger, but over what others cover already
-            place, covered = places[best], covers[[best]].toarray()[0] > 0
-        chosen.append(place)
-        free[covered] = 0.0
-    depths = [_depth(mesh, place) for place in chosen]
-    return clump([_vector(place.tolist()) for place in chosen], depths)
-
-
-def _closed(body: Trimesh | Path) -> Trimesh:
-    import trimesh
-
-    mesh = body
-    if isinstance(body, Path):
-        try:
-            mesh = trimesh.load_mesh(body)
-        except Exception as trouble:  # each of trimesh's readers fails in its own way
-            raise BadInput(f"{body}: cannot be read as a mesh ({trouble}); give an STL file.") from None
-    if not (isinstance(mesh, trimesh.Trimesh) and mesh.is_watertight and mesh.volume > 0):
-        name = str(body) if isinstance(body, Path) else "clump"
-        raise BadInput(f"{name}: the body is not closed, or its faces look inwards; mend the mesh.")
-    return mesh
-
-
-def _points_inside(mesh: Trimesh) -> tuple[Array, float]:
-    """Points of a grid that lie inside, shape (n, 3), and its pitch [m]."""
-    import numpy as np
-
-    low, high = mesh.bounds
-    pitch = (high - low).max() / GRID
-    axes = [np.arange(lower + pitch / 2, upper, pitch) for lower, upper in zip(low, high, strict=True)]
-    # a ray upwards through each column leaves the body where it entered it
-    columns = np.stack(np.meshgrid(axes[0], axes[1], indexing="ij"), axis=-1).reshape(-1, 2) + 1e-7 * pitch
-    corners = np.asarray(mesh.triangles)
-    found = []
-    for x, y in columns:
-        heights = _crossings(corners, x, y)
-        within = np.searchsorted(heights, axes[2]) % 2 == 1
-        found.append(np.column_stack([np.full(within.sum(), x), np.full(within.sum(), y), axes[2][within]]))
-    points = np.concatenate(found)
-    if not len(points):
-        raise BadInput("clump: the body is too thin to be filled with spheres.")
-    return points, float(pitch)
-
-
-def _crossings(corners: Array, x: float, y: float) -> Array:
-    """Heights, rising, at which the line upwards through (x, y) meets triangles, shape (n, 3, 3)."""
-    import numpy as np
-
-    a, b, c = (corners[:, k, :2] - (x, y) for k in range(3))
-
-    def cross(one: Array, other: Array) -> Array:
-        return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
-
-    weights = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
-    hit = (weights > 0).all(axis=1) | (weights < 0).all(axis=1)
-    share = weights[hit] / weights[hit].sum(axis=1, keepdims=True)
-    return np.sort((share * corners[hit, :, 2]).sum(axis=1))
-
-
-def _depth(mesh: Trimesh, point: Array) -> float:
-    """Distance [m] of a point to the mesh."""
-    import numpy as np
-    from trimesh.triangles import closest_point
-
-    corners = np.asarray(mesh.triangles)
-    nearest = np.asarray(closest_point(corners, np.tile(point, (len(corners), 1))))  # type: ignore[no-untyped-call]
-    return float(np.linalg.norm(nearest - point, axis=1).min())

@@ -12,6 +12,7 @@ from rigtwin.lab.errors import BadInput, RigtwinError, UnreadableMedia
 
 LARGEST_NOTES = 4 * 2**20  # [bytes], of a lab.toml, lab.json or model.toml: ten thousand experiments
 LARGEST_TABLE = 128 * 2**20  # [bytes], of a table; as text cells it takes about eight times as much memory
+OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow-outside."
 MOST_ROWS = 1_000_000  # of a table: an hour at 240 frames per second; as text cells they take about half a gigabyte
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from rigtwin.lab.clumps import Clump
 from rigtwin.lab.errors import BadInput, TwinLacks
+from rigtwin.lab.size_distributions import Sizes
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 AIR_DENSITY = 1.2  # [kg/m^3], dry air of 20 degrees C at 1 atm (CRC Handbook: 1.204)
@@ -53,7 +54,8 @@ class Particle:
     """A sphere of a material, or a rigid clump of overlapping spheres (`clumped` makes one).
 
     `density` is that of the particle itself, which may differ from the solid's (beads have holes); None takes the
-    material's.
+    material's.  With `sizes` the particles are not alike: dimensions and mass are those of the largest, a smaller one
+    is the same body shrunk, and `typical` and `mean_mass` stand for all of them.
     """
 
     name: str
@@ -61,16 +63,14 @@ class Particle:
     diameter: float  # [m], of the sphere; of a clump that of the sphere about its centre of mass that holds it
     density: float | None = None  # [kg/m^3], over the volume of a clump's union
     shape: Clump | None = None  # None: a sphere
-    smallest: float | None = None  # [m], diameters are uniformly distributed from here to `diameter`; None: all equal
+    sizes: Sizes | None = None  # of diameters of a sphere, of equivalent diameters of a clump; None: all equal
 
     def __post_init__(self) -> None:
         _positive(self.name, diameter=self.diameter)
-        if self.smallest is not None and not (self.shape is None and 0 < self.smallest <= self.diameter):
-            raise BadInput(
-                f"{self.name}: smallest: must be above zero and at most the diameter, and only a sphere may have it."
-            )
         if self.shape is not None and not math.isclose(self.diameter, 2 * self.shape.reach, rel_tol=1e-9):
             raise BadInput(f"{self.name}: the diameter of a clump follows from its shape; make it with clumped().")
+        if self.sizes is not None and not math.isclose(self.sizes.largest, self.equivalent_diameter, rel_tol=1e-9):
+            raise BadInput(f"{self.name}: the particle is the largest of its sizes; make it with sized().")
         if self.density is not None:
             _positive(self.name, density=self.density)
 
@@ -115,6 +115,38 @@ class Particle:
         return self.effective_density * self.shape.volume
 
     @property
+    def smallest_size(self) -> float:
+        """Of the smallest particle over the largest [1]."""
+        return 1.0 if self.sizes is None else self.sizes.smallest / self.sizes.largest
+
+    @property
+    def smallest_radius(self) -> float:
+        """Of the smallest sphere of the smallest particle [m]."""
+        return min(self.radii) * self.smallest_size
+
+    @property
+    def mean_cube(self) -> float:
+        """Mean over all particles, by number, of the cube of their size over that of the largest [1]."""
+        return 1.0 if self.sizes is None else self.sizes.mean_power(3) / self.sizes.largest**3
+
+    @property
+    def mean_mass(self) -> float:
+        """Over all particles, by number [kg]."""
+        return self.mass * self.mean_cube
+
+    @property
+    def mean_volume(self) -> float:
+        """Over all particles, by number [m^3]."""
+        return self.volume * self.mean_cube
+
+    @property
+    def typical(self) -> Particle:
+        """The particle of the median size by mass, where one diameter stands for all."""
+        if self.sizes is None:
+            return self
+        return scaled(replace(self, sizes=None), self.sizes.median_by_mass / self.sizes.largest)
+
+    @property
     def rayleigh_time_step(self) -> float:
         """Rayleigh time step [s] (Hlosta et al. 2020, eq. 7).
 
@@ -123,8 +155,7 @@ class Particle:
         nu = self.material.poisson_ratio
         return (
             math.pi
-            * min(self.radii)
-            * (1.0 if self.smallest is None else self.smallest / self.diameter)
+            * self.smallest_radius
             / (0.163 * nu + 0.8766)
             * math.sqrt(self.effective_density / self.material.shear_modulus)
         )
@@ -144,6 +175,27 @@ def clumped(
         _positive(name, mass=mass)
         density = mass / shape.volume
     return Particle(name, material, 2 * shape.reach, density, shape)
+
+
+def scaled(particle: Particle, factor: float) -> Particle:
+    """The same body with all lengths times a factor, at the same density."""
+    sizes = None if particle.sizes is None else particle.sizes.scaled(factor)
+    if particle.shape is None:
+        return replace(particle, diameter=particle.diameter * factor, sizes=sizes)
+    shape = particle.shape.scaled(factor)
+    return replace(particle, diameter=2 * shape.reach, shape=shape, sizes=sizes)
+
+
+def sized(particle: Particle, sizes: Sizes) -> Particle:
+    """The particle in these sizes: diameters of a sphere, of a clump those of the sphere of its volume.
+
+    >>> from rigtwin.lab.size_distributions import uniform
+    >>> bead = sized(Particle("bead", Material("ash", 720, 11e9, 0.44), 6e-3), uniform(3e-3, 5e-3))
+    >>> bead.diameter, round(bead.typical.diameter, 5)
+    (0.005, 0.00439)
+    """
+    whole = scaled(replace(particle, sizes=None), sizes.largest / particle.equivalent_diameter)
+    return replace(whole, sizes=sizes)
 
 
 @dataclass(frozen=True)

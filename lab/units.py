@@ -33,6 +33,8 @@ DIMENSIONS = {
     "mass_flow": ("kg/s", "78 g/s"),
     "acceleration": ("m/s^2", "9.81 m/s^2"),
     "scale": ("m/px", "0.2 mm/px"),
+    "volume": ("m^3", "0.2 cm^3"),
+    "area": ("m^2", "4 mm^2"),
     "number": ("1", "0.42"),
 }
 

@@ -235,7 +235,7 @@ def _rotation(
         steady=replace(empty, height=np.mean(late, axis=0), view="mean"),
         steady_from=steady_from,
         mixing=Series(times, np.array(course.mixing), "lacey_index", "1"),
-        mixed=mixing(*_marked(grains, course), CELL * particle.diameter),
+        mixed=mixing(*_marked(grains, course), CELL * particle.typical.diameter),
         centres=beads.position,
         radii=beads.radius,
         count=count,
@@ -250,7 +250,7 @@ def _rotation(
 def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
     """Checks of a run: fill, size of the bed in bead diameters, and number of turns and samples."""
     share = _share(rotation.count, rig, filled_in(rig)[0], particle)
-    high, long = (size / particle.equivalent_diameter for size in _across(share, rig.diameter))
+    high, long = (size / particle.typical.equivalent_diameter for size in _across(share, rig.diameter))
     enough = high >= SHALLOWEST and long >= SHORTEST
     looks = int((rotation.time >= rotation.steady_from).sum())
     longer = rotation.turns >= 2 * STEADY_AFTER and looks >= FEWEST_LOOKS
@@ -308,12 +308,12 @@ def filled_in(rig: Drum) -> tuple[float, float]:
 def filled(rig: Drum, particle: Particle) -> int:
     """Number of particles that fill the share `rig.fill` of the drum."""
     depth, part = filled_in(rig)
-    return max(1, round(part * PACKING * math.pi / 4 * rig.diameter**2 * depth / particle.volume))
+    return max(1, round(part * PACKING * math.pi / 4 * rig.diameter**2 * depth / particle.mean_volume))
 
 
 def _share(count: int, rig: Drum, depth: float, particle: Particle) -> float:
     volume = math.pi / 4 * rig.diameter**2 * depth
-    return count * particle.volume / PACKING / volume
+    return count * particle.mean_volume / PACKING / volume
 
 
 def _across(share: float, diameter: float) -> tuple[float, float]:
@@ -436,7 +436,7 @@ def _look(beads: Beads, grains: Grains, time: float, course: _Course, rig: Drum,
     surface = _outline(beads.position[heap], beads.radius[heap], rig, particle)
     course.times.append(time - course.let_go)
     course.heights.append(surface.height.tolist())
-    course.mixing.append(lacey(*_marked(grains, course), CELL * particle.diameter))
+    course.mixing.append(lacey(*_marked(grains, course), CELL * particle.typical.diameter))
 
 
 def _marked(grains: Grains, course: _Course) -> tuple[Array, npt.NDArray[np.bool_]]:
@@ -455,7 +455,7 @@ def _marked(grains: Grains, course: _Course) -> tuple[Array, npt.NDArray[np.bool
 
 def _outline(centres: Array, radii: Array, rig: Drum, particle: Particle) -> Profile:
     half = rig.diameter / 2
-    return outline(centres, radii, (-half, half), grain=2 * min(particle.radii), view="front")
+    return outline(centres, radii, (-half, half), grain=2 * particle.smallest_radius, view="front")
 
 
 def check(rig: Drum, particle: Particle, *, count: int | None) -> None:

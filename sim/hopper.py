@@ -238,7 +238,7 @@ def _discharge_of(
         outlet_times=times,
         mass_left=_mass_left(course, particle, count),
         discharge_time=float(times[-1]) if emptied == count else None,
-        mass_flow_rate=steady_flow(times, count, particle.mass),
+        mass_flow_rate=steady_flow(times, count, particle.mean_mass),
         asked=count,
         emptied=emptied,
         remaining=count - emptied,
@@ -308,8 +308,7 @@ class Plan:
 
 def plan_of(rig: Hopper, particle: Particle, count: int) -> Plan:
     """Walls, filling and domain of a hopper for `count` beads."""
-    # on the loose lattice a bead takes up to five cubes of its diameter
-    room = 5 * count * particle.diameter**3
+    room = filling.loose_room(particle, count)
     return _slot(rig, particle, room) if rig.variant == "slot" else _conical(rig, particle, room)
 
 
@@ -454,14 +453,14 @@ def _note_who_left(grains: Grains, course: _Course, now: float, interval: float 
 
 def _mass_left(course: _Course, particle: Particle, count: int) -> Series:
     time_, inside = np.array(course.looks, dtype=float).reshape(-1, 2).T
-    return Series(time_, inside * particle.mass, "mass_left", "kg")
+    return Series(time_, inside * particle.mean_mass, "mass_left", "kg")
 
 
 def _heap(beads: Beads, particle: Particle, plan: Plan) -> Profile:
     below = beads.position[:, 2] < 0
     centres, radii = beads.position[below], beads.radius[below]
     heap = bed(centres, radii)
-    span, grain = (float(plan.domain[0][0]), float(plan.domain[1][0])), 2 * min(particle.radii)
+    span, grain = (float(plan.domain[0][0]), float(plan.domain[1][0])), 2 * particle.smallest_radius
     return outline(centres[heap], radii[heap], span, grain=grain, floor=plan.floor, view="along the slot")
 
 

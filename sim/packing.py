@@ -347,7 +347,7 @@ def _bed(
         surface=heights,
         profiles=tuple(silhouette(centres, radii, rig.cylinder_diameter, view) for view in VIEWS),
         mass=float(grains.mass[within].sum()),
-        solid=float(within.sum()) * particle.volume,
+        solid=_solid(grains.mass[within], particle),
         cylinder_diameter=rig.cylinder_diameter,
         at_rest=at_rest,
         time=time,
@@ -363,6 +363,13 @@ def _bed(
         assumptions=assumptions,
         warnings=tuple(said),
     )
+
+
+def _solid(masses: Array, particle: Particle) -> float:
+    """Volume [m^3] of the particles of these masses [kg]."""
+    if particle.sizes is None:
+        return len(masses) * particle.volume
+    return float(masses.sum()) / particle.effective_density
 
 
 def check(

@@ -88,7 +88,7 @@ def twin_run(
 
 def _plain(particle: Particle) -> dict[str, Any]:
     """The particle as plain data; a single size is left out, as in runs that were kept before there were others."""
-    return {name: value for name, value in asdict(particle).items() if name != "smallest" or value is not None}
+    return {name: value for name, value in asdict(particle).items() if name != "sizes" or value is not None}
 
 
 def simulate(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_h
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.schema import ExperimentEntry, InSi, suggestion
-from rigtwin.lab.materials import PARAMETERS, Particle, clumped
+from rigtwin.lab.materials import PARAMETERS, Particle, scaled
 from rigtwin.lab.units import DIMENSIONS, si
 
 if TYPE_CHECKING:
@@ -231,19 +231,9 @@ def _particle(particle: Particle, name: str, value: float) -> Particle:
         return replace(particle, density=value)
     if name == "youngs_modulus":
         return replace(particle, material=replace(particle.material, youngs_modulus=value))
-    factor = value if name == "scale" else value / particle.diameter
+    factor = value if name == "scale" else value / particle.typical.diameter
     density = particle.effective_density / factor**3 if name == "scale" else particle.density
-    if particle.shape is None:
-        smallest = None if particle.smallest is None else particle.smallest * factor
-        return replace(particle, diameter=particle.diameter * factor, smallest=smallest, density=density)
-    shape = replace(
-        particle.shape,
-        offsets=tuple((factor * x, factor * y, factor * z) for x, y, z in particle.shape.offsets),
-        radii=tuple(factor * radius for radius in particle.shape.radii),
-        volume=factor**3 * particle.shape.volume,
-        gyration=tuple(factor**2 * one for one in particle.shape.gyration),  # type: ignore[arg-type]
-    )
-    return clumped(particle.name, particle.material, shape, density=density)
+    return replace(scaled(particle, factor), density=density)
 
 
 @cache

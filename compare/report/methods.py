@@ -101,14 +101,20 @@ def _kind(experiment: Experiment) -> str:
 
 def _particle(particle: Particle) -> str:
     size = f"{1e3 * particle.diameter:.4g} mm"
-    if particle.smallest is not None:
-        size = f"{1e3 * particle.smallest:.4g} to {size}, uniformly distributed"
     shape = f"sphere of {size}"
     if particle.shape is not None:
         shape = f"rigid clump of {len(particle.radii)} spheres, {size} across"
+    if particle.sizes is not None:
+        kind = "spheres" if particle.shape is None else f"rigid clumps of {len(particle.radii)} spheres"
+        median = f"median by mass {1e3 * particle.typical.equivalent_diameter:.4g} mm"
+        return _with_mass(particle, f"{kind} of different sizes ({particle.sizes.law}; {median})", "mean ")
+    return _with_mass(particle, f"a {shape}")
+
+
+def _with_mass(particle: Particle, shape: str, of: str = "") -> str:
     density = "" if particle.density is None else f"{particle.density:.4g} kg/m³ over its volume, "
-    mass = f"{1e3 * particle.mass:.3g} g"
-    return f"particle {particle.name}, a {shape} and {mass}, {density}of {_material(particle.material)}"
+    mass = f"{of}{1e3 * particle.mean_mass:.3g} g"
+    return f"particle {particle.name}, {shape} and {mass}, {density}of {_material(particle.material)}"
 
 
 def _material(material: Material) -> str:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
     from rigtwin.compare.curve_overlays import Overlay
     from rigtwin.lab.file.lab_file import Experiment
+    from rigtwin.lab.materials import Particle
 
 MOST_STILLS = 4  # pictures shown per experiment; all of them are in the folder of the report
 STILL_WIDTH = 1200  # [px], wide enough to judge a bead's outline when the picture is enlarged
@@ -112,6 +113,7 @@ def report(
         sections=[_section(outcome, out, drawn[outcome.experiment.id]) for outcome in comparison.outcomes],
         methods=methods(comparison, provenance["versions"]) if text is None else text,
         borrowed=comparison.lab.borrowed,
+        notes=comparison.lab.notes,
         remarks=comparison.remarks,
         provenance=provenance,
         command=shlex.join(provenance["command_line"]),
@@ -202,6 +204,18 @@ def _widest(rows: Iterable[Deviation]) -> float:
     return float(next((step for step in steps if step >= max(largest, 5)), largest))
 
 
+def _particle(particle: Particle) -> list[tuple[str, str]]:
+    bead = particle.typical
+    lines = [("bead", f"{bead.diameter * 1e3:.2f} mm, {bead.mass * 1e3:.3g} g")]
+    if particle.shape is not None:
+        across = f"{bead.equivalent_diameter * 1e3:.2f} mm as a sphere of its volume"
+        lines.append(("clump", f"{len(particle.radii)} spheres, {across}"))
+    if particle.sizes is not None:
+        span = f"{particle.sizes.smallest * 1e3:.3g} to {particle.sizes.largest * 1e3:.3g} mm"
+        lines.append(("sizes", f"{particle.sizes.law}: {span}, median by mass {bead.equivalent_diameter * 1e3:.3g} mm"))
+    return lines
+
+
 def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     experiment = outcome.experiment
     n = len(outcome.measurements)
@@ -213,7 +227,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     if experiment.measured:
         names = dict.fromkeys(title(one.quantity) for one in experiment.measured)
         lines.append(("stated in lab.toml", ", ".join(names)))
-    lines.append(("bead", f"{experiment.particle.diameter * 1e3:.2f} mm, {experiment.particle.mass * 1e3:.3g} g"))
+    lines += _particle(experiment.particle)
     lines += _stated(experiment)
     rates = {
         round(float(item.camera["frame_rate_hz"]), 2)

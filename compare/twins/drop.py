@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rigtwin.compare import curve_overlays
-from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, ground, settings_to_try
+from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, ground, one_of, settings_to_try
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
@@ -71,8 +72,9 @@ def drop_twin(
     from rigtwin.sim.engine.effect_terms import acting_on_few
     from rigtwin.sim.run.trials import numerics
 
+    particle, one = one_of(particle)
     if particle.shape is not None:
-        return _tumbling_twin(
+        twin = _tumbling_twin(
             rig,
             particle,
             wall,
@@ -83,6 +85,7 @@ def drop_twin(
             effects=effects,
             progress=progress,
         )
+        return replace(twin, assumptions=(*one, *twin.assumptions))
     begun = time.perf_counter()
     acting, left_out = acting_on_few(effects)
     track = drop.run(
@@ -104,7 +107,7 @@ def drop_twin(
             numerics=numerics(acting),
         ),
         tracks=(track,),
-        assumptions=(IDEAL, "The plate is flat, level and does not move."),
+        assumptions=(*one, IDEAL, "The plate is flat, level and does not move."),
         warnings=left_out,
         draw=lambda: flashes((track,), particle, ground(track, particle.diameter)),
         seconds=time.perf_counter() - begun,
@@ -185,7 +188,7 @@ class DropEntry(FewBodyEntry[DropSettings]):
     def curves(
         self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
     ) -> Iterable[curve_overlays.Overlay]:
-        return curve_overlays.height_over_time(measured, twins, experiment.particle.diameter)
+        return curve_overlays.height_over_time(measured, twins, experiment.particle.typical.diameter)
 
     def stated_start(self, experiment: Experiment) -> float | None:
         return self.rig(experiment).drop_height  # [m]
@@ -200,7 +203,8 @@ class DropEntry(FewBodyEntry[DropSettings]):
         if self.rig(experiment).drop_height is None:
             return
         assert experiment.wall is not None  # the lab file demands one
-        drop.check(drop.Trial(self.rig(experiment).rig(), experiment.particle, experiment.wall, contact, frame_rate))
+        bead = experiment.particle.typical
+        drop.check(drop.Trial(self.rig(experiment).rig(), bead, experiment.wall, contact, frame_rate))
 
     def filmed_twin(
         self,

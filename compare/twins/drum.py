@@ -114,7 +114,7 @@ def drum_result(rig: Drum, cast: Cast, rotation: Rotation, computed: Computed, *
             rotation.time[1:],
             drum_diameter=rig.diameter,
             speed=abs(rig.speed),
-            bead_diameter=cast.particle.diameter,
+            bead_diameter=cast.particle.typical.diameter,
         )
     except NothingToMeasure as error:
         flows = froude_check(rig.speed, rig.diameter / 2)
@@ -162,7 +162,7 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
         self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
     ) -> Iterable[curve_overlays.Overlay]:
         return curve_overlays.mean_surface(
-            measured, twins, self.rig(experiment).drum_diameter, experiment.particle.diameter
+            measured, twins, self.rig(experiment).drum_diameter, experiment.particle.typical.diameter
         )
 
     def takes_count(self, experiment: Experiment) -> bool:

@@ -43,6 +43,15 @@ def flashes(
     return strobe(tracks, particle.shape.radii, offsets, walls=walls)
 
 
+def one_of(particle: Particle) -> tuple[Particle, tuple[str, ...]]:
+    """The particle that stands for those of different sizes, and an assumption that says so."""
+    if particle.sizes is None:
+        return particle, ()
+    bead = particle.typical
+    what = f"{1e3 * bead.equivalent_diameter:.3g} mm, the median by mass of its sizes ({particle.sizes.law})"
+    return bead, (f"{particle.name} is one particle of {what}.",)
+
+
 def ground(track: Track, diameter: float) -> Array:
     """Outline of the plate under a fall, for the picture."""
     from rigtwin.sim.output.picture import slab

@@ -119,7 +119,9 @@ def hopper_result(
     from rigtwin.sim import hopper
 
     try:
-        evaluation = ruler.evaluate(discharge.mass_left, total_mass=discharge.asked * cast.particle.mass, opened=0.0)
+        evaluation = ruler.evaluate(
+            discharge.mass_left, total_mass=discharge.asked * cast.particle.mean_mass, opened=0.0
+        )
     except BadInput as error:
         if why := _no_flow(rig, cast.particle, discharge, duration):
             raise BadInput(why) from error

@@ -112,9 +112,11 @@ def _differences(experiment: Experiment, deck: Deck) -> Iterator[str]:
             yield f"its {name.replace('_', ' ')} is {_shown(theirs[name])}, the lab's {_shown(stated)}"
     for name in ("diameter", "effective_density"):
         mine, other = getattr(experiment.particle, name), getattr(deck.particle, name)
-        if experiment.particle.shape is not None or not _same(mine, other):
+        if experiment.particle.shape != deck.particle.shape or not _same(mine, other):
             names = f"{deck.particle.name} is not {experiment.particle.name}"
             yield f"its particle {names} ({name.replace('_', ' ')} {other:.5g} and {mine:.5g}, SI)"
+    if experiment.particle.sizes != deck.particle.sizes:
+        yield "the sizes of its particles are others than the lab's"
     if experiment.wall is None or experiment.wall.name != deck.wall.name:
         yield f"its walls are of {deck.wall.name}, the lab's of {getattr(experiment.wall, 'name', 'nothing')}"
     wanted = entry.count(experiment, deck.scene.count)  # type: ignore[attr-defined]

@@ -144,13 +144,13 @@ class Weighed(Protocol):
 def filling_mass(rig: Weighed, particle: Particle) -> float | None:
     """[kg] of all particles: as weighed, else as counted times the mass of one."""
     if rig.total_mass is None and rig.count is not None:
-        return rig.count * particle.mass
+        return rig.count * particle.mean_mass
     return rig.total_mass
 
 
 def filling_count(rig: Weighed, particle: Particle, count: int | None) -> int:
     """Return how many particles: as counted, else as weighed, else `count`.  Raises `BadInput` where none is known."""
-    weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mass)
+    weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mean_mass)
     if weighed == 0 and not rig.count:
         raise BadInput("total_mass: is less than half the mass of one particle; state the mass of all particles.")
     filled = rig.count or weighed or count

@@ -116,7 +116,7 @@ def packing_result(rig: Packing, cast: Cast, bed: Bed, computed: Computed) -> Tw
             bed.profiles,
             cylinder_diameter=rig.cylinder_diameter,
             total_mass=bed.mass,
-            bead_diameter=cast.particle.diameter,
+            bead_diameter=cast.particle.typical.diameter,
         )
     except BadInput as error:
         if bed.arched:
@@ -166,13 +166,14 @@ def _no_bed(bed: Bed, particle: Particle) -> str:
 
 def cylinder_for(rig: Packing, particle: Particle, count: int) -> Packing:
     """The rig with a cylinder high enough for `count` particles, with a margin."""
-    loose = 2.2 * count * particle.mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
+    loose = 2.2 * count * particle.mean_mass / particle.effective_density / (math.pi / 4 * rig.cylinder_diameter**2)
     return replace(rig, cylinder_height=max(rig.cylinder_height, loose))
 
 
 def _one_layer(rig: Packing, particle: Particle) -> int:
     """Number of particles in one layer on the cylinder's floor."""
-    return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * particle.diameter / particle.volume)
+    bead = particle.typical
+    return math.ceil(PACKING * math.pi / 4 * rig.cylinder_diameter**2 * bead.diameter / particle.mean_volume)
 
 
 class PackingEntry(ManyBodyEntry[PackingSettings]):
@@ -184,7 +185,7 @@ class PackingEntry(ManyBodyEntry[PackingSettings]):
     def known(self, experiment: Experiment) -> dict[str, Any]:
         return {
             "cylinder_diameter": self.rig(experiment).cylinder_diameter,
-            "spheres": experiment.particle.shape is None,
+            "spheres": experiment.particle.shape is None and experiment.particle.sizes is None,
             "total_mass": self.filling(experiment),
             "bead_density": experiment.particle.effective_density,
         }
@@ -203,7 +204,7 @@ class PackingEntry(ManyBodyEntry[PackingSettings]):
             "outline of the bed",
             measured,
             twins,
-            experiment.particle.diameter,
+            experiment.particle.typical.diameter,
             self.rig(experiment).cylinder_diameter,
         )
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rigtwin.compare import curve_overlays
-from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, settings_to_try
+from rigtwin.compare.twins.few_body import IDEAL, FewBodyEntry, as_a_twin, flashes, one_of, settings_to_try
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.arrays import Array
@@ -74,6 +74,7 @@ def pendulum_twin(
     from rigtwin.sim.run.trials import numerics
 
     begun = time.perf_counter()
+    particle, one = one_of(particle)
     acting, left_out = acting_on_few(effects, pivots=True)
     tracks = pendulum.run(
         rig,
@@ -104,7 +105,7 @@ def pendulum_twin(
             numerics=numerics(acting),
         ),
         tracks=tuple(tracks),
-        assumptions=(IDEAL, *_hung(rig, particle)),
+        assumptions=(*one, IDEAL, *_hung(rig, particle)),
         warnings=(*_slack(rig), *left_out),
         draw=lambda: flashes(tracks, particle, None if wall is None else _upright(particle.diameter)),
         seconds=time.perf_counter() - begun,
@@ -172,7 +173,7 @@ class PendulumEntry(FewBodyEntry[PendulumSettings]):
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
         rig = self.rig(experiment)
-        return {"variant": rig.variant, "length": rig.length, "bead_mass": experiment.particle.mass}
+        return {"variant": rig.variant, "length": rig.length, "bead_mass": experiment.particle.typical.mass}
 
     def stated(self, experiment: Experiment) -> list[Stated]:
         rig = self.rig(experiment)
@@ -185,7 +186,7 @@ class PendulumEntry(FewBodyEntry[PendulumSettings]):
         self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
     ) -> Iterable[curve_overlays.Overlay]:
         return curve_overlays.angles_over_time(
-            measured, twins, self.rig(experiment).length, experiment.particle.diameter
+            measured, twins, self.rig(experiment).length, experiment.particle.typical.diameter
         )
 
     def stated_start(self, experiment: Experiment) -> float | None:
@@ -197,7 +198,7 @@ class PendulumEntry(FewBodyEntry[PendulumSettings]):
 
         rig = self.rig(experiment)
         if rig.release_angle is not None:
-            pendulum.check(pendulum.Trial(rig.rig(), experiment.particle, contact, frame_rate, experiment.wall))
+            pendulum.check(pendulum.Trial(rig.rig(), experiment.particle.typical, contact, frame_rate, experiment.wall))
 
     def filmed_twin(
         self,

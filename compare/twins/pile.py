@@ -121,7 +121,7 @@ def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
     from rigtwin.measure.pile import evaluate as ruler
     from rigtwin.sim.pile import pile
 
-    failed, bead = _no_heap(rig, cast, heap), cast.particle.diameter
+    failed, bead = _no_heap(rig, cast, heap), cast.particle.typical.diameter
     try:
         evaluation = ruler.evaluate(heap.profiles, base_diameter=heap.base_diameter, bead_diameter=bead)
     except BadInput as error:
@@ -129,7 +129,7 @@ def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
             raise BadInput(f"{failed}.") from error
         raise
     if rig.rim_height > 0:
-        above = _above_rim(rig, heap, cast.particle.diameter)
+        above = _above_rim(rig, heap, bead)
         evaluation = replace(evaluation, quantities=(*evaluation.quantities, *above))
     course = {"asked": heap.asked, "placed": heap.placed, "fallen": heap.fallen, "at_rest": heap.at_rest}
     course |= stated(bed_height_m=heap.bed_height)
@@ -140,7 +140,8 @@ def pile_result(rig: Pile, cast: Cast, heap: Heap, computed: Computed) -> Twin:
 def _no_heap(rig: Pile, cast: Cast, heap: Heap) -> str:
     """Why the particles on the base are no heap, with the setting to change; empty where they are one."""
     stay = heap.placed - heap.fallen
-    layer = math.ceil(PACKING * math.pi / 4 * rig.base_diameter**2 * cast.particle.diameter / cast.particle.volume)
+    thick, volume = cast.particle.typical.diameter, cast.particle.mean_volume
+    layer = math.ceil(PACKING * math.pi / 4 * rig.base_diameter**2 * thick / volume)
     if rig.variant == "emptying" or stay >= layer:
         return ""
     what = f"{stay} of {heap.placed} particles are on the base, and one layer has about {layer}"
@@ -197,7 +198,7 @@ class PileEntry(ManyBodyEntry[PileSettings]):
     def curves(
         self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
     ) -> Iterable[curve_overlays.Overlay]:
-        return curve_overlays.outlines("outline of the heap", measured, twins, experiment.particle.diameter)
+        return curve_overlays.outlines("outline of the heap", measured, twins, experiment.particle.typical.diameter)
 
     def takes_count(self, experiment: Experiment) -> bool:
         return self.rig(experiment).count is None
@@ -214,7 +215,7 @@ class PileEntry(ManyBodyEntry[PileSettings]):
         volumes = [volume for volume, _ in seen if volume > 0]
         if rig.variant == "emptying" or rig.count is not None or not volumes:
             return experiment, ""
-        count = round(PACKING * fmean(volumes) / particle.volume)
+        count = round(PACKING * fmean(volumes) / particle.mean_volume)
         said = f"{count} particles, by the volume of the heap"
         if max(reach for _, reach in seen) > rig.base_diameter / 2 - 2 * particle.diameter:
             count *= ROLLED_OFF

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.compare import curve_overlays
-from rigtwin.compare.twins.few_body import FewBodyEntry, as_a_twin, flashes
+from rigtwin.compare.twins.few_body import FewBodyEntry, as_a_twin, flashes, one_of
 from rigtwin.compare.twins.rig_entry import Stated
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
@@ -81,6 +81,7 @@ def tilt_twin(
     from rigtwin.sim import tilt
 
     begun = time.perf_counter()
+    particle, one = one_of(particle)
     angle, track = tilt.run(
         rig, particle, wall, contact, frame_rate=frame_rate, duration=duration, effects=effects, progress=progress
     )
@@ -101,6 +102,7 @@ def tilt_twin(
         tracks=(track,),
         series=(angle,),
         assumptions=(
+            *one,
             f"The plate rises by {math.degrees(rig.speed):.3g} degrees per second, steadily and without shaking"
             + (f", from {math.degrees(rig.start_angle):.3g} degrees on." if rig.start_angle else "."),
             tilt.body_in_words(rig, particle),
@@ -194,7 +196,7 @@ class TiltEntry(FewBodyEntry[TiltSettings]):
     def curves(
         self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
     ) -> Iterable[curve_overlays.Overlay]:
-        return curve_overlays.way_over_angle(measured, twins, experiment.particle.diameter)
+        return curve_overlays.way_over_angle(measured, twins, experiment.particle.typical.diameter)
 
     def contradictions(self, experiment: Experiment, measurements: Sequence[Measurement]) -> Iterable[str]:
         speed = self.rig(experiment).speed
@@ -204,7 +206,8 @@ class TiltEntry(FewBodyEntry[TiltSettings]):
         from rigtwin.sim import tilt
 
         assert experiment.wall is not None  # the lab file demands one
-        tilt.check(tilt.Trial(self.rig(experiment).rig(), experiment.particle, experiment.wall, contact, frame_rate))
+        bead = experiment.particle.typical
+        tilt.check(tilt.Trial(self.rig(experiment).rig(), bead, experiment.wall, contact, frame_rate))
 
     def filmed_twin(
         self,

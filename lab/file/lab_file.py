@@ -17,6 +17,7 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.file.own_particles import filling_in_words
 from rigtwin.lab.file.repetitions import Views, expanded
 from rigtwin.lab.file.schema import (
     Bracketed,
@@ -30,18 +31,17 @@ from rigtwin.lab.file.schema import (
     repaired,
     suggestion,
     validated,
+    without_consequences,
 )
 from rigtwin.lab.file.stated_values import stated_quantities, stated_scatter
 from rigtwin.lab.file.toml_lines import Key, dotted
-from rigtwin.lab.input_files import lies_outside
+from rigtwin.lab.input_files import OUTSIDE, lies_outside
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.reference.repetition_scatter import Scatter
 from rigtwin.lab.rigs import RIGS, SETTINGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
-
-OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow-outside."
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,10 @@ class Lab:
     path: Path  # the lab.toml
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     """Standard uncertainties that are stated, by key: SI, or relative."""
+    stl_files: tuple[Path, ...] = ()
+    """STL files that describe particles."""
+    notes: tuple[str, ...] = ()
+    """How near the clump of each particle with an STL file comes to it."""
 
     def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
         """The contact of two names in any order.  Raises `BadInput` when a parameter in `needs` is not known."""
@@ -126,13 +130,13 @@ def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
     """The lab that a lab.toml describes, or would describe with this content.  Raises `BadLabFile` like `read_lab`."""
     path, read = document.path, repaired(document, LabFile)
     file = read.file
-    inventory = Inventory(file)
+    inventory = Inventory(file, path.parent, allow_outside=allow_outside)
     experiments = [
         _experiment(path.parent, inventory, entry, ("experiments", number), allow_outside, read)
         for number, entry in enumerate(file.experiments)
     ]
     found = [*inventory.problems, *_repeated_ids(document, file)]
-    problems = [*read.problems, *(one for one in found if not read.touches(one.key))]
+    problems = without_consequences([*read.problems, *(one for one in found if not read.touches(one.key))])
     if not file.experiments:
         problems.append(Problem((), "has no experiments; add one under [[experiments]]."))
     if problems:
@@ -153,6 +157,12 @@ def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
         borrowed=tuple(dict.fromkeys(inventory.borrowed)),
         path=path,
         uncertainty=file.uncertainty.model_dump(exclude_none=True),
+        notes=tuple(
+            filling_in_words(name, entry, path.parent)
+            for name, entry in file.particles.items()
+            if entry.stl is not None
+        ),
+        stl_files=tuple(path.parent / entry.stl for entry in file.particles.values() if entry.stl is not None),
     )
 
 
@@ -178,7 +188,7 @@ def read_cast(folder: Path) -> Model:
     Raises `BadLabFile` like `read_lab`.
     """
     document = read_document(folder / "lab.toml" if folder.is_dir() else folder)
-    inventory = Inventory(validated(document, LabFile))
+    inventory = Inventory(validated(document, LabFile), document.path.parent)
     if inventory.problems:
         raise document.error(inventory.problems)
     return Model(inventory.materials, inventory.particles, inventory.contacts)

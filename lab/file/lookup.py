@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
+from pathlib import Path
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.file.own_particles import own_particle
 from rigtwin.lab.file.schema import LabFile, ModelFile, ParticleEntry, Problem, suggestion
 from rigtwin.lab.file.toml_lines import Key
-from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, no_bead_has, pair
+from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.reference import hlosta2020
 
 
 class Inventory:
-    """Materials, particles and contacts of one file; gathers problems instead of stopping at the first."""
+    """Materials, particles and contacts of one file in `folder`; gathers problems instead of stopping at the first."""
 
-    def __init__(self, file: LabFile | ModelFile) -> None:
+    def __init__(self, file: LabFile | ModelFile, folder: Path, *, allow_outside: bool = False) -> None:
         self.file = file
+        self._folder, self._allow_outside = folder, allow_outside
         self.borrowed: list[str] = []
         self.problems: list[Problem] = []
         self.particles: dict[str, Particle] = {}
@@ -90,20 +92,15 @@ class Inventory:
         if name in self.file.materials or name in hlosta2020.MATERIALS:
             self.problems.append(Problem(key, f"{name!r} is also a material; give the particle a name of its own."))
             return None
-        if entry.density is not None and entry.mass is not None:
-            self.problems.append(Problem((*key, "mass"), "density and mass are both given; leave one of them out."))
-            return None
         solid = self.material(entry.material, (*key, "material"))
         if solid is None:
             return None
-        density = entry.density
-        if entry.mass is not None:
-            density = entry.mass / (math.pi / 6 * entry.diameter**3)
-        if density is not None and (odd := no_bead_has(density)):
-            self.problems.append(Problem((*key, "density" if entry.mass is None else "mass"), odd))
+        found = own_particle(name, entry, solid, key, self._folder, self._allow_outside)
+        if not isinstance(found, Particle):
+            self.problems += found
             return None
-        self.particles[name] = Particle(name, solid, entry.diameter, density)
-        return self.particles[name]
+        self.particles[name] = found
+        return found
 
     def _read_contact(self, name: str) -> None:
         key: Key = ("contacts", name)

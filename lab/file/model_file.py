@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.schema import ModelFile, read_document, validated
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.size_distributions import Sizes
 
 Effects = Mapping[str, Mapping[str, float]]
 """Effects by name, each with its parameters in SI."""
@@ -60,7 +60,7 @@ def read_model(path: Path) -> Model:
     """Read a model.toml; the sections are those of lab.toml.  Raises `BadLabFile` naming file, line and key."""
     document = read_document(path, made_by="take the model.toml that `rigtwin diagnose` leaves in its results")
     file = validated(document, ModelFile)
-    inventory = Inventory(file)
+    inventory = Inventory(file, path.parent)
     if inventory.problems:
         raise document.error(inventory.problems)
     return Model(inventory.materials, inventory.particles, inventory.contacts, dict(file.effects))
@@ -78,11 +78,7 @@ def model_text(model: Model) -> str:
     for name, material in model.materials.items():
         lines += _section("materials", name, ("density", "youngs_modulus", "poisson_ratio"), material)
     for name, particle in model.particles.items():
-        if particle.shape is not None:
-            _check_known(particle)  # found again by its name
-            continue
-        lines += _section("particles", name, ("diameter", "density"), particle)
-        lines.append(f"material = {_text(particle.material.name)}")
+        lines += _particle(name, particle)
     for (a, b), contact in model.contacts.items():
         lines += _section("contacts", f"{a}-{b}", PARAMETERS, contact)
     for name, parameters in model.effects.items():
@@ -90,12 +86,29 @@ def model_text(model: Model) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _check_known(clump: Particle) -> None:
-    if clump.name not in hlosta2020.NAMES or hlosta2020.particle(clump.name) != clump:
-        raise BadInput(
-            f"{clump.name} is a clump that no file can describe; a model.toml holds spheres, and the clumps of "
-            f"{hlosta2020.CITATION} by name."
-        )
+def _particle(name: str, particle: Particle) -> list[str]:
+    clump = particle.shape
+    if clump is None:
+        keys = ("diameter", "density") if particle.sizes is None else ("density",)
+        lines = _section("particles", name, keys, particle)
+    elif particle.name in hlosta2020.NAMES and hlosta2020.particle(particle.name) == particle:
+        return []  # found again by its name
+    else:
+        spheres = [[*place, 2 * radius] for place, radius in zip(clump.offsets, clump.radii, strict=True)]
+        lines = [*_section("particles", name, ("density",), particle), f"spheres = {spheres!r}"]
+        lines += [f"volume = {clump.volume!r}", f"gyration = {list(clump.gyration)!r}"]
+    lines.append(f"material = {_text(particle.material.name)}")
+    return lines if particle.sizes is None else [*lines, *_sizes(name, particle.sizes)]
+
+
+def _sizes(name: str, sizes: Sizes) -> list[str]:
+    """Classes of equal particles, or number spread evenly between neighbouring diameters."""
+    header = ["", f"[particles.{_text(name)}.size_distribution]", 'by = "number"']
+    d, shares = sizes.diameters, sizes.shares
+    if d[::2] == d[1::2]:
+        parts = [b - a for a, b in zip(shares[::2], shares[1::2], strict=True)]
+        return [*header, 'law = "list"', f"diameters = {list(d[::2])!r}", f"shares = {parts!r}"]
+    return [*header, 'law = "sieve"', f"meshes = {list(d)!r}", f"passing = {[100 * one for one in shares]!r}"]
 
 
 def _section(kind: str, name: str, keys: Sequence[str], item: object) -> list[str]:

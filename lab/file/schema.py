@@ -38,6 +38,7 @@ from rigtwin.lab.rigs import (
     RigSettings,
     Tilt,
 )
+from rigtwin.lab.stl_grain import MOST_SPHERES, STL_SPHERES
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
@@ -45,6 +46,12 @@ from rigtwin.lab.units import DIMENSIONS, LONGEST, MOST_PARTICLES, si
 HERE = Path()
 
 
+Sphere = tuple[float, float, float, float]
+"""Centre and diameter [m]."""
+SPHERES: list[list[Any]] = [["-2 mm", 0, 0, "6 mm"], ["2 mm", 0, 0, "6 mm"]]
+"""Example of a clump."""
+
+MOST_CLASSES = 2000  # of a size distribution; a laser granulometer gives a hundred, a model.toml up to 1000
 STIFFEST = 2e12  # [Pa], diamond has 1.2e12; a larger one makes a time step with which no run ends
 
 
@@ -252,6 +259,63 @@ def _whole(value: Any) -> int:
     return value
 
 
+def _clumped(value: Any) -> int:
+    return _at_most(_whole(value), MOST_SPHERES)
+
+
+def _at_most(number: int, most: int) -> int:
+    if number > most:
+        raise BadInput(f"{number} is more than the {most} spheres that a clump can have.")
+    return number
+
+
+def _spheres(value: Any) -> tuple[Sphere, ...]:
+    example = toml(SPHERES)
+    if not (isinstance(value, list) and value and all(isinstance(one, list) and len(one) == 4 for one in value)):
+        raise BadInput(f"{value!r} is not a list of spheres; write [x, y, z, diameter] of each, like {example}.")
+    _at_most(len(value), MOST_SPHERES)
+    found = []
+    for number, one in enumerate(value, start=1):
+        x, y, z, diameter = (si(text, "length", name=f"sphere {number}") for text in one)
+        if diameter <= 0 or max(map(abs, (x, y, z, diameter))) > LONGEST:
+            hint = "; a bare number is in m, write it with its unit" if any(map(_is_bare, one)) else ""
+            raise BadInput(
+                f"sphere {number} ({toml(one)}) is out of range; its diameter must be above 0, and no number "
+                f"larger than {LONGEST:g} m{hint}."
+            )
+        found.append((x, y, z, diameter))
+    return tuple(found)
+
+
+def _shares(value: Any) -> tuple[float, ...]:
+    return _each(value, "number", [0.3, 0.7])
+
+
+def _lengths(value: Any) -> tuple[float, ...]:
+    found = _each(value, "length", ["4 mm", "6 mm"])
+    if min(found) <= 0 or max(found) > LONGEST:
+        hint = "; a bare number is in m, write it with its unit" if any(map(_is_bare, value)) else ""
+        raise BadInput(f"{toml(value)} is out of range; lengths must be above 0 and at most {LONGEST:g} m{hint}.")
+    return found
+
+
+def _each(value: Any, dimension: str, example: list[Any]) -> tuple[float, ...]:
+    if not (isinstance(value, list) and value):
+        raise BadInput(f"{value!r} is not a list; write it like {toml(example)}.")
+    if len(value) > MOST_CLASSES:
+        raise BadInput(f"has {len(value)} numbers, and at most {MOST_CLASSES} are read.")
+    return tuple(si(one, dimension) for one in value)
+
+
+def _gyration(value: Any) -> tuple[float, ...]:
+    if not (isinstance(value, list) and len(value) == 3):
+        raise BadInput(f"{value!r} is not a list of three moments of inertia over the mass, in m^2.")
+    found = tuple(si(one, "area") for one in value)
+    if min(found) <= 0:
+        raise BadInput(f"{value!r} is out of range; moments of inertia are above 0.")
+    return found
+
+
 def _columns(value: Any) -> Mapping[str, tuple[str, str]]:
     return parse_columns(_text(value, "t=time[ms],x=cx,y=cy"), name="value")
 
@@ -288,6 +352,12 @@ Fraction = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.35])]
 Release = Annotated[float, _quantity("angle", 0, UPSIDE_DOWN), Field(examples=["45 deg"])]
 Tilted = Annotated[float, _quantity("angle", 0, math.radians(45)), Field(examples=["0.1 deg"])]
 Count = Annotated[int, _edge(_whole), Field(examples=[1000])]
+Lengths = Annotated[tuple[float, ...], _edge(_lengths)]
+Shares = Annotated[tuple[float, ...], _edge(_shares)]
+Volume = Annotated[float, _quantity("volume", 0)]
+Gyration = Annotated[tuple[float, float, float], _edge(_gyration)]
+Clumped = Annotated[int, _edge(_clumped)]
+SphereList = Annotated[tuple[Sphere, ...], _edge(_spheres), Field(examples=[SPHERES])]
 Moment = Annotated[camera.Moment, _edge(_moment, partial(InSi, dimension="time")), Field(examples=["0.25 s"])]
 KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
 PlumbLine = Annotated[float, _edge(_plumb_line)]
@@ -323,15 +393,94 @@ class MaterialEntry(_Entry):
     poisson_ratio: Poisson = Field(description="Poisson's ratio")
 
 
+class SizesEntry(_Entry):
+    """Sizes of a particle: diameters of spheres; of clumps the diameters of spheres of their volume."""
+
+    law: Literal["list", "uniform", "normal", "lognormal", "sieve"] = Field(
+        examples=["sieve"],
+        description=(
+            '"list": diameters and shares; "uniform": smallest and largest; "normal": mean and standard_deviation; '
+            '"lognormal": median and spread; "sieve": meshes and passing'
+        ),
+    )
+    by: Literal["number", "mass"] | None = Field(
+        default=None,
+        examples=["mass"],
+        description="what the shares or the law count; by default mass for a list and a sieve, number for the others",
+    )
+    diameters: Lengths | None = Field(default=None, examples=[["4 mm", "6 mm"]], description="list: of each class")
+    shares: Shares | None = Field(default=None, examples=[[0.3, 0.7]], description="list: of each class")
+    mean: Length | None = Field(default=None, examples=["6 mm"], description="normal: of the diameters")
+    standard_deviation: Length | None = Field(
+        default=None, examples=["0.5 mm"], description="normal: of the diameters; cut off at three of them"
+    )
+    median: Length | None = Field(default=None, examples=["6 mm"], description="lognormal: of the diameters")
+    spread: Fraction | None = Field(
+        default=None,
+        examples=[0.2],
+        description="lognormal: standard deviation of the logarithm of the diameters; cut off at three of them",
+    )
+    smallest: Length | None = Field(
+        default=None, examples=["4 mm"], description="uniform, normal, lognormal: no diameter is below"
+    )
+    largest: Length | None = Field(
+        default=None, examples=["8 mm"], description="uniform, normal, lognormal: no diameter is above"
+    )
+    meshes: Lengths | None = Field(
+        default=None,
+        examples=[["2 mm", "4 mm", "5.6 mm", "8 mm"]],
+        description="sieve: openings, rising; nothing passes the first and all the last",
+    )
+    passing: Shares | None = Field(
+        default=None,
+        examples=[[0, 20, 70, 100]],
+        description="sieve: percent that passes each opening, from 0 to 100",
+    )
+
+
 class ParticleEntry(_Entry):
-    """A spherical particle; particles of the reference need no entry."""
+    """A sphere, or a rigid clump of spheres (own_particles.md); particles of the reference need no entry."""
 
     material: Name = Field(examples=["wood_ash"], description="its material, of this file or of the reference")
-    diameter: Length = Field(description="of the sphere")
+    diameter: Length | None = Field(default=None, description="of a sphere; or spheres, or stl")
     density: Density | None = Field(
         default=None, description="of one particle where it differs from the material's (holes); or mass"
     )
     mass: Mass | None = Field(default=None, examples=["0.071 g"], description="of one particle; or density")
+    spheres: SphereList | None = Field(
+        default=None,
+        description="of a clump, each as [x, y, z, diameter] in axes of your choice; they may overlap",
+    )
+    stl: Name | None = Field(
+        default=None,
+        examples=["grain.stl"],
+        description="closed surface of one particle, in place of which a clump of spheres is simulated",
+    )
+    stl_unit: Literal["mm", "cm", "m", "um", "inch"] = Field(
+        default="mm", description="in which the numbers of the STL file are"
+    )
+    stl_spheres: Clumped | None = Field(
+        default=None,
+        examples=[24],
+        description=f"most spheres of the clump; without it and stl_error {STL_SPHERES}",
+    )
+    stl_error: Length | None = Field(
+        default=None,
+        examples=["0.2 mm"],
+        description="in place of stl_spheres: largest distance of the surfaces of clump and particle",
+    )
+    size_distribution: SizesEntry | None = Field(
+        default=None,
+        examples=[{"law": "normal", "mean": "6 mm", "standard_deviation": "0.5 mm"}],
+        description="sizes, in place of diameter, under [particles.NAME.size_distribution]; a clump is scaled to them",
+    )
+
+
+class ModelParticleEntry(ParticleEntry):
+    """A particle of a model.toml, in which a clump may have other mass properties than the union of its spheres."""
+
+    volume: Volume | None = None
+    gyration: Gyration | None = None  # [m^2], moments of inertia over the mass; the axes of the spheres are principal
 
 
 class ContactEntry(_Entry):
@@ -791,7 +940,7 @@ class LabFile(_Entry):
 
 class ModelFile(_Entry):
     materials: dict[str, MaterialEntry] = {}
-    particles: dict[str, ParticleEntry] = {}
+    particles: dict[str, ModelParticleEntry] = {}
     contacts: dict[str, ContactEntry] = {}
     effects: dict[str, dict[str, float]] = {}
 
@@ -853,19 +1002,19 @@ def repaired(document: Document, kind: type[File]) -> Repaired[File]:
     while True:
         try:
             file = kind.model_validate(data)
-            return Repaired(file, _without_consequences(problems), frozenset(places))
+            return Repaired(file, without_consequences(problems), frozenset(places))
         except ValidationError as error:
             before = frozenset(places)
             for details in error.errors():
                 problem = _problem(details, kind)
                 if problem in problems or problem in consequences:  # it cannot be repaired
-                    raise document.error(_without_consequences(problems)) from None
+                    raise document.error(without_consequences(problems)) from None
                 # what is wrong with an example is nothing that was written
                 (consequences if _touches(before, problem.key) else problems).append(problem)
                 places.add(_repair(data, problem.key, details, kind))
 
 
-def _without_consequences(problems: Sequence[Problem]) -> list[Problem]:
+def without_consequences(problems: Sequence[Problem]) -> list[Problem]:
     """The problems without the missing keys that are there under a misspelt name."""
     meant = {(*one.key[:-1], word[1]) for one in problems if (word := _MEANT.match(one.what))}
     return [one for one in problems if not (one.key in meant and one.what.startswith(_MISSING))]
@@ -939,6 +1088,8 @@ def _section(parent: Key) -> type[_Entry]:
     if parent[0] == "experiments" and len(parent) > 2:
         tables: dict[str | int, type[_Entry]] = {"camera": CameraEntry, "files": FileEntry}
         return tables.get((*parent, "")[3]) or _EXPERIMENTS[str(parent[2])]
+    if parent[0] == "particles" and parent[2:] == ("size_distribution",):
+        return SizesEntry
     return _SECTIONS.get(str(parent[0]), LabFile)
 
 

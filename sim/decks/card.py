@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -58,6 +59,7 @@ class Export:
                 "name": self.particle.name,
                 "diameter_m": self.particle.diameter,
                 "density_kg_per_m3": self.particle.effective_density,
+                **_shape(self.particle),
             },
             "materials": [_moduli(self.particle.material), _moduli(self.wall)],
             "contacts": {"particle-particle": asdict(self.between), "particle-wall": asdict(self.at_wall)},
@@ -88,7 +90,7 @@ def export(
     code : {"edem", "liggghts", "csv"}
         Target code.
     particle : Particle
-        A sphere.
+        A sphere, or a clump; sizes that differ become at most ten classes.
     wall : Material
         Material of the walls.
     between, at_wall : Contact
@@ -110,8 +112,7 @@ def export(
     Raises
     ------
     BadInput
-        If the code is unknown, the particle is a clump (codes describe clumps in different ways), the time step is
-        refused, or a restitution is below what LIGGGHTS can reach.
+        If the code is unknown, the time step is refused, or a restitution is below what LIGGGHTS can reach.
 
     Notes
     -----
@@ -131,8 +132,6 @@ def export(
 
     if code not in CODES:
         raise BadInput(f"code: {code!r} is unknown; use {' or '.join(map(repr, CODES))}.")
-    if particle.shape is not None:
-        raise BadInput(f"{particle.name}: is a clump of spheres; only single spheres are exported.")
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
     least = min(between.restitution, at_wall.restitution)
     step, warnings = time_step([soft], time_step_fraction, forced=forced, restitution=least)
@@ -148,6 +147,17 @@ def export(
         stiffness_factor,
         warnings,
     )
+
+
+def _shape(particle: Particle) -> dict[str, Any]:
+    """Spheres, mass and moments of a clump, and classes of sizes, where there are any."""
+    found: dict[str, Any] = {}
+    if particle.shape is not None:
+        spheres = [[*place, radius] for place, radius in zip(particle.shape.offsets, particle.radii, strict=True)]
+        found |= {"spheres_m": spheres, "mass_kg": particle.mass, "moments_kg_m2": list(particle.moments)}
+    if particle.sizes is not None:
+        found["classes"] = [{"diameter_m": d, "share_by_mass": share} for d, share in particle.sizes.classes()]
+    return found
 
 
 def _converted(contact: Contact, code: Code, radius: float, other: float) -> Contact:
@@ -198,7 +208,7 @@ def _for_liggghts(made: Export) -> str:
         f"# {bead.name} (type 1), walls of {wall.name} (type 2), rigtwin {__version__}, for LIGGGHTS 3.8; SI\n"
         "# include behind create_box 2\n"
         f"{before}"
-        f"# spheres: diameter {bead.diameter:.10g} density {bead.effective_density:.10g}\n"
+        f"{_templates(bead)}"
         f"# between {_coefficients(made.given[0])}, at walls {_coefficients(made.given[1])}; in LIGGGHTS:\n"
         "# restitution is smaller here, as LIGGGHTS allows no attraction in a contact and then restitutes more;\n"
         "# rolling friction is mu_r Fn R_eff here and not mu_r Fn R, R_eff being R / 2 between equal spheres: twice;\n"
@@ -213,6 +223,53 @@ def _for_liggghts(made: Export) -> str:
         + f"# a wall: fix NAME all wall/gran {model} primitive type 2 ...\n"
         + f"timestep {made.time_step:.10g}\n"
     )
+
+
+def _templates(bead: Particle) -> str:
+    """What LIGGGHTS's `fix insert` takes; the single sphere, which any deck can make, as a comment."""
+    density = f"density constant {bead.effective_density:.10g}"
+    if bead.shape is None and bead.sizes is None:
+        return f"# spheres: diameter {bead.diameter:.10g} density {bead.effective_density:.10g}\n"
+    whole = bead.equivalent_diameter
+    classes = [(whole, 1.0)] if bead.sizes is None else bead.sizes.classes()
+    seeds = _primes(len(classes) + 1)
+    said = "# insert with: fix NAME all insert/pack seed 32452843 distributiontemplate sizes ...\n"
+    lines = []
+    for number, ((diameter, _), seed) in enumerate(zip(classes, seeds, strict=False), start=1):
+        kind = f"fix size{number} all particletemplate"
+        if bead.shape is None:
+            lines.append(f"{kind}/sphere {seed} atom_type 1 {density} radius constant {diameter / 2:.10g}\n")
+            continue
+        size, clump = diameter / whole, bead.shape
+        spheres = "".join(
+            f" &\n  {' '.join(f'{size * value:.10g}' for value in (*place, radius))}"
+            for place, radius in zip(clump.offsets, clump.radii, strict=True)
+        )
+        x, y, z = (size**5 * one for one in bead.moments)
+        weight = f"mass {size**3 * bead.mass:.10g} inertia_tensor {x:.10g} 0 0 {y:.10g} 0 {z:.10g} use_density"
+        lines.append(
+            f"{kind}/multisphere {seed} atom_type 1 {density} nspheres {len(clump.radii)} ntry 1000000 "
+            f"spheres{spheres} &\n  type {number} {weight}\n"
+        )
+    if bead.shape is not None:
+        said = (
+            "# with atom_modify map array, and fix NAME all multisphere in place of nve/sphere; "
+            + said.removeprefix("# ")
+        )
+    weights = " ".join(f"size{number} {share:.10g}" for number, (_, share) in enumerate(classes, start=1))
+    mixed = f"fix sizes all particledistribution/discrete {seeds[-1]} {len(classes)} {weights}\n"
+    return said + "".join(lines) + mixed
+
+
+def _primes(count: int) -> list[int]:
+    """Primes, as LIGGGHTS takes no other seeds."""
+    found: list[int] = []
+    candidate = 15_485_863
+    while len(found) < count:
+        if all(candidate % each for each in range(2, math.isqrt(candidate) + 1)):
+            found.append(candidate)
+        candidate += 2
+    return found
 
 
 def _softened(made: Export) -> tuple[str, ...]:
@@ -244,7 +301,7 @@ def _for_edem(made: Export) -> str:
     lines = [
         f"{bead.name} and walls of {wall.name}, rigtwin {__version__}",
         "contact model: Hertz-Mindlin (no slip) with standard rolling friction, at most mu_r Fn R on each sphere",
-        f"sphere: radius {1e3 * bead.radius:g} mm",
+        *_spheres(bead),
         *materials,
         *contacts,
         f"time step {made.time_step:g} s",
@@ -256,32 +313,60 @@ def _for_edem(made: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _spheres(bead: Particle) -> list[str]:
+    lines = [f"sphere: radius {1e3 * bead.radius:g} mm"]
+    if bead.shape is not None:
+        lines = [
+            f"sphere {number}: x {1e3 * x:.6g} mm, y {1e3 * y:.6g} mm, z {1e3 * z:.6g} mm, radius {1e3 * radius:.6g} mm"
+            for number, ((x, y, z), radius) in enumerate(zip(bead.shape.offsets, bead.radii, strict=True), start=1)
+        ]
+        moments = ", ".join(f"{axis} {one:.6g}" for axis, one in zip("xyz", bead.moments, strict=True))
+        lines.append(f"mass {bead.mass:.6g} kg, volume {bead.volume:.6g} m3, moments of inertia {moments} kg m2")
+    if bead.sizes is not None:
+        lines += [
+            f"size {diameter / bead.equivalent_diameter:.4g} of it ({1e3 * diameter:.4g} mm): {100 * share:.3g} % of "
+            "the mass"
+            for diameter, share in bead.sizes.classes()
+        ]
+    return lines
+
+
 def _as_csv(made: Export) -> str:
     """A row for each material and each contact; cells that do not apply are empty."""
     names = (
         "kind", "name", "diameter_m", "density_kg_per_m3", "youngs_modulus_pa", "shear_modulus_pa", "poisson_ratio",
         "restitution", "static_friction", "rolling_friction", "rolling_model", "rolling_friction_arm",
-        "stiffness_factor", "time_step_s",
+        "stiffness_factor", "time_step_s", "mass_kg", "x_m", "y_m", "z_m", "share_by_mass",
     )  # fmt: skip
     bead, wall = made.particle, made.wall
 
     def solid(kind: str, name: str, material: Material, density: float, diameter: str) -> list[str]:
         values = (density, material.youngs_modulus, material.shear_modulus, material.poisson_ratio)
         rest = ["", "", "", "", "", f"{made.stiffness_factor:.10g}", f"{made.time_step:.10g}" if diameter else ""]
+        rest += [f"{bead.mass:.10g}" if diameter else "", "", "", "", ""]
         return [kind, name, diameter, *(f"{value:.10g}" for value in values), *rest]
 
     def pair(name: str, contact: Contact) -> list[str]:
         values = (contact.restitution, contact.static_friction, contact.rolling_friction)
         said = [*(f"{value:.10g}" for value in values), made.rolling, ARM[made.code]]
-        return ["contact", name, "", "", "", "", "", *said, "", ""]
+        return ["contact", name, "", "", "", "", "", *said, *[""] * 7]
 
-    rows = [
+    def part(kind: str, diameter: float, place: Sequence[float], share: str = "") -> list[str]:
+        where = [f"{value:.10g}" for value in place] or ["", "", ""]
+        return [kind, bead.name, f"{diameter:.10g}", *[""] * 12, *where, share]
+
+    rows: list[Sequence[str]] = [
         names,
         solid("particle", bead.name, bead.material, bead.effective_density, f"{bead.diameter:.10g}"),
         solid("wall", wall.name, wall, wall.density, ""),
         pair(f"{bead.name}-{bead.name}", made.between),
         pair(f"{bead.name}-{wall.name}", made.at_wall),
     ]
+    if bead.shape is not None:
+        places = zip(bead.shape.offsets, bead.radii, strict=True)
+        rows += [part("sphere", 2 * radius, place) for place, radius in places]
+    if bead.sizes is not None:
+        rows += [part("size", diameter, (), f"{share:.10g}") for diameter, share in bead.sizes.classes()]
     table = io.StringIO()
     csv.writer(table, lineterminator="\n").writerows(rows)
     return table.getvalue()

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+import numpy as np
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.clumps import Clump
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.decks.deck import END, RECORD, Deck
 from rigtwin.sim.decks.scene import Drain, Lift, Open, Pour, Settle, Turn
@@ -15,43 +19,132 @@ SKIN = 0.2  # [diameters], Verlet skin
 
 def positions(deck: Deck, types: int) -> str:
     """Data file with the beads that are there at the start; `types` is the number of materials."""
-    scene, bead = deck.scene, deck.particle
+    scene, count = deck.scene, len(deck.scene.places)
     bounds = [f"{a:.9g} {b:.9g} {axis}lo {axis}hi" for a, b, axis in zip(scene.low, scene.high, "xyz", strict=True)]
-    kind = f"1 {bead.diameter:.10g} {bead.effective_density:.10g}"
-    atoms = [f"{i} {kind} {_three(place)}" for i, place in enumerate(scene.places, 1)]
-    speeds = [f"{i} {_three(speed)} 0 0 0" for i, speed in enumerate(scene.velocities, 1)]
-    head = [f"{bead.name}, written by rigtwin", "", f"{len(atoms)} atoms", f"{types} atom types", *bounds]
-    return "\n".join([*head, "", "Atoms", "", *atoms, "", "Velocities", "", *speeds, ""])
+    wide, density, each = diameters(deck), densities(deck), len(deck.particle.radii)
+    atoms = [
+        f"{i} 1 {wide[i - 1]:.10g} {density[i - 1]:.10g} {_three(place)}"
+        for i, place in enumerate(spheres(deck, scene.places, 0), 1)
+    ]
+    speeds = [f"{i} {_three(speed)} 0 0 0" for i, speed in enumerate(np.repeat(scene.velocities, each, axis=0), 1)]
+    head = [f"{deck.particle.name}, written by rigtwin", "", f"{len(atoms)} atoms", f"{types} atom types", *bounds]
+    lines = [*head, "", "Atoms", "", *atoms, "", "Velocities", "", *speeds, ""]
+    if deck.particle.shape is not None:
+        lines += ["Molecules", "", *(f"{i + 1} {i // each + 1}" for i in range(each * count)), ""]
+    return "\n".join(lines)
+
+
+RIGID = "fix move all rigid/small molecule\n"
+LIGHTEST = 0.05  # of the mean: least mass of a sphere of a clump, as a code takes none without mass
+
+
+def _sizes(deck: Deck) -> Array:
+    return np.ones(deck.scene.count) if deck.scene.sizes is None else deck.scene.sizes
+
+
+def diameters(deck: Deck) -> Array:
+    """Of the spheres of all particles, by their number [m]."""
+    return np.outer(_sizes(deck), 2 * np.array(deck.particle.radii)).ravel()
+
+
+def densities(deck: Deck) -> Array:
+    """Of the spheres of all particles, by their number [kg/m^3].
+
+    Those of a clump have the masses with which the code, which adds spheres up as if they did not overlap, finds mass,
+    centre and moments of inertia of the clump as nearly as it can.
+    """
+    shape, bead = deck.particle.shape, deck.particle
+    if shape is None:
+        return np.full(deck.scene.count, bead.effective_density)
+    masses, _ = _masses(shape)
+    return np.tile(bead.mass * masses / (4 / 3 * np.pi * np.array(shape.radii) ** 3), deck.scene.count)
+
+
+def inertia_missed(shape: Clump) -> float:
+    """Largest relative difference of a moment of inertia of the clump in such a code from its own."""
+    return _masses(shape)[1]
+
+
+def _masses(shape: Clump) -> tuple[Array, float]:
+    """Shares of the mass that the spheres of a clump have, and by how much its moments of inertia are missed."""
+    from scipy.optimize import lsq_linear
+
+    places, radii, reach = np.array(shape.offsets), np.array(shape.radii), shape.reach
+    x, y, z = places.T
+    own = 0.4 * radii**2
+    moments = np.array([y**2 + z**2 + own, x**2 + z**2 + own, x**2 + y**2 + own])
+    mixed = np.array([x * y, x * z, y * z])
+    matrix = np.vstack([np.ones(len(radii)), places.T / reach, moments / reach**2, mixed / reach**2])
+    wanted = [1.0, 0.0, 0.0, 0.0, *(np.array(shape.gyration) / reach**2), 0.0, 0.0, 0.0]
+    shares = lsq_linear(matrix, wanted, bounds=(LIGHTEST / len(radii), np.inf)).x
+    shares /= shares.sum()
+    return shares, float(np.abs(moments @ shares / np.array(shape.gyration) - 1).max())
+
+
+def spheres(deck: Deck, places: Array, first: int) -> Array:
+    """Centres [m] of the spheres of particles at `places`, whose numbers begin at `first`."""
+    shape, scene = deck.particle.shape, deck.scene
+    if shape is None or not len(places):
+        return places
+    from scipy.spatial.transform import Rotation
+
+    assert scene.turns is not None
+    span = slice(first, first + len(places))
+    turns = Rotation.from_quat(scene.turns[span], scalar_first=True)
+    arms = np.array(shape.offsets)[None] * _sizes(deck)[span, None, None]
+    turned = np.stack([turn.apply(arm) for turn, arm in zip(turns, arms, strict=True)])
+    return np.asarray((places[:, None] + turned).reshape(-1, 3))
 
 
 def start(deck: Deck, types: int) -> str:
     """Commands that make the box and the beads that are there at the start."""
-    scene = deck.scene
+    scene, clump = deck.scene, deck.particle.shape is not None
+    labels = "fix body all property/atom mol ghost yes\n" if clump else ""
     if len(scene.places):
-        return "read_data beads.data\n"
+        return f"{labels}read_data beads.data{' fix body NULL Molecules' if clump else ''}\n"
     low, high = scene.low, scene.high
     sides = " ".join(f"{a:.9g} {b:.9g}" for a, b in zip(low, high, strict=True))
-    return f"region room block {sides} units box\ncreate_box {types} room\n"
+    return f"region room block {sides} units box\ncreate_box {types} room\n{labels}"
 
 
 def poured(deck: Deck) -> str:
     """Commands that insert the batches of beads, `LOOK` apart."""
-    bead, steps = deck.particle, deck.steps(LOOK)
+    steps, each = deck.steps(LOOK), len(deck.particle.radii)
     lines, number = [f"# inserts the beads in batches, {LOOK:g} s apart"], len(deck.scene.places)
     for stage in deck.scene.stages:
         for batch in stage.batches if isinstance(stage, Pour) else ():
-            lines += [f"create_atoms 1 single {_three(place)} units box" for place in batch]
+            lines += [f"create_atoms 1 single {_three(place)} units box" for place in spheres(deck, batch, number)]
             if len(batch):
                 assert isinstance(stage, Pour)
                 lines += [
-                    f"group new id {number + 1}:{number + len(batch)}",
-                    f"set group new diameter {bead.diameter:.10g} density {bead.effective_density:.10g}",
+                    f"group new id {each * number + 1}:{each * (number + len(batch))}",
+                    *_sized(deck, number, len(batch)),
                     f"velocity new set 0 0 {-stage.speed:.10g} units box",
                     "group new delete",
                 ]
+                if deck.particle.shape is not None:
+                    lines += [*(["unfix move"] if number else []), RIGID.strip()]
             number += len(batch)
             lines.append(f"run {steps}")
     return "\n".join(lines) + "\n"
+
+
+def _sized(deck: Deck, number: int, count: int) -> list[str]:
+    """Commands that give `count` new beads after the first `number` their size."""
+    if deck.particle.shape is not None:
+        return _clumped(deck, number, count)
+    wide, density = diameters(deck)[number : number + count], f"density {deck.particle.effective_density:.10g}"
+    if deck.scene.sizes is None:
+        return [f"set group new diameter {wide[0]:.10g} {density}"]
+    # the density last: a new diameter keeps the mass
+    each = [f"set atom {number + k} diameter {diameter:.10g}" for k, diameter in enumerate(wide, start=1)]
+    return [*each, f"set group new {density}"]
+
+
+def _clumped(deck: Deck, number: int, count: int) -> list[str]:
+    each, wide, density = len(deck.particle.radii), diameters(deck), densities(deck)
+    rows = range(each * number, each * (number + count))
+    return [f"set atom {k + 1} diameter {wide[k]:.10g} density {density[k]:.10g} mol {k // each + 1}" for k in rows]
 
 
 def stages(
@@ -85,7 +178,8 @@ def _stages(
         elif isinstance(stage, Open):
             yield f"\n# {stage.wall}: removed\n{opened(stage.wall)}"
         elif isinstance(stage, Settle):
-            mean = stage.still.energy * deck.particle.mass * GRAVITY * deck.particle.radius
+            bead = deck.particle
+            mean = stage.still.energy * bead.mean_mass * GRAVITY * bead.typical.radius / len(bead.radii)
             rest = f'"${{fastest}} < {stage.still.speed:g} && ${{energy}} < {mean:.6g}"'
             yield f"\n# until the beads rest, at most {stage.limit:g} s\n"
             yield _loop(
@@ -121,15 +215,21 @@ def _to(name: str, label: str) -> str:
     return f'"jump {name} {label}"'
 
 
-OBSERVED = (
-    "variable speed atom sqrt(vx*vx+vy*vy+vz*vz)\n"
-    "compute fastest all reduce max v_speed\n"
-    "thermo_style custom step atoms ke c_fastest\n"
-    "thermo_modify lost ignore norm no\n"
-    "thermo 1000000\n"
-    "variable fastest equal c_fastest\n"
-    "variable energy equal ke/(atoms+1.0e-9)\n"
-)
+def observed(deck: Deck) -> str:
+    """Commands that make `fastest` and `energy` (the mean kinetic energy of a sphere) known, by which a bed rests."""
+    energy, more = "ke", ""
+    if deck.particle.shape is not None:  # the temperature, of which `ke` is made, has no meaning for rigid bodies
+        energy = "c_kinetic"
+        more = "variable kinetic atom 0.5*mass*v_speed^2\ncompute kinetic all reduce sum v_kinetic\n"
+    return (
+        "variable speed atom sqrt(vx*vx+vy*vy+vz*vz)\n"
+        f"compute fastest all reduce max v_speed\n{more}"
+        f"thermo_style custom step atoms {energy} c_fastest\n"
+        "thermo_modify lost ignore norm no\n"
+        "thermo 1000000\n"
+        "variable fastest equal c_fastest\n"
+        f"variable energy equal {energy}/(atoms+1.0e-9)\n"
+    )
 
 
 def _three(vector: object) -> str:

@@ -57,7 +57,7 @@ class Deck:
         if self.code not in CODES:
             raise BadInput(f"code: {self.code!r} is unknown; use {', '.join(map(repr, CODES))}.")
         if self.particle.shape is not None:
-            raise BadInput(f"{self.particle.name}: is a clump of spheres; decks are written for single spheres only.")
+            self._check_clump()
         if isinstance(self.rig, Pile) and self.rig.variant == "pouring" and self.code != "liggghts":
             raise BadInput(
                 f"method: a deck for {TITLES[self.code]} holds no tube that is lifted; export a pile by piling or "
@@ -66,6 +66,24 @@ class Deck:
         positive(stiffness_factor=self.stiffness_factor)
         if self.stiffness_factor > 1:
             raise BadInput(f"stiffness_factor: {self.stiffness_factor:g} is above 1; give at most 1.")
+
+    def _check_clump(self) -> None:
+        if self.code != "lammps":
+            raise BadInput(
+                f"{self.particle.name}: is a clump of spheres, and a deck for {TITLES[self.code]} holds single spheres "
+                "only; export a packing or a drum for LAMMPS."
+            )
+        if not isinstance(self.rig, (Packing, Drum)):
+            raise BadInput(
+                f"{self.particle.name}: is a clump of spheres, and LAMMPS ends where one leaves the rig; export a "
+                "packing or a drum."
+            )
+
+    @property
+    def contact_radius(self) -> float:
+        """Radius [m] that stands for those of all spheres in contacts."""
+        radii = self.particle.typical.radii
+        return sum(radii) / len(radii)
 
     @cached_property
     def soft(self) -> Particle:
@@ -87,7 +105,7 @@ class Deck:
         """Walls, start positions and stages."""
         from rigtwin.sim.engine.bulk.bulk import STEP_IN_RADII
 
-        fastest = STEP_IN_RADII * self.particle.radius / self.time_step
+        fastest = STEP_IN_RADII * self.particle.smallest_radius / self.time_step
         options = dict(self.options or {})
         return scene_of(self.rig, self.particle, count=self.count, seed=self.seed, fastest=fastest, **options)
 
@@ -117,7 +135,15 @@ class Deck:
     def warnings(self) -> tuple[str, ...]:
         """What the deck does otherwise than rigtwin's own twin, and warnings about its settings."""
         step = time_step([self.soft], self.time_step_fraction, forced=self.forced)[1]
-        return (*self.scene.warnings, *step, *_writer(self.code).differences(self))
+        return (*self.scene.warnings, *step, *_writer(self.code).differences(self), *self._of_sizes())
+
+    def _of_sizes(self) -> tuple[str, ...]:
+        if self.particle.sizes is None:
+            return ()
+        return (
+            "rolling resistance is exact between beads of the same size: between others the code takes an effective "
+            "radius, and springs and dashpots of rolling are those of the median size by mass",
+        )
 
     def files(self) -> dict[str, str]:
         """Content of the deck's files by name, the description included."""
@@ -151,16 +177,17 @@ class Deck:
 
 def read_deck(folder: Path) -> Deck:
     """The deck in a folder that `rigtwin export` wrote; raises `BadInput` where there is none."""
+    from pydantic import TypeAdapter
+
     path = folder / DESCRIPTION
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
         rig = {name: value for name, value in said["rig"].items() if name != "name"}
-        bead = dict(said["particle"])
-        bead["material"] = Material(**bead["material"])
+        bead = {name: value for name, value in said["particle"].items() if name != "smallest"}
         return Deck(
             code=said["code"],
             rig=RIGS[said["rig"]["name"]](**rig),
-            particle=Particle(**bead),
+            particle=TypeAdapter(Particle).validate_python(bead),
             wall=Material(**said["wall"]),
             contact=Contact(**said["contacts"]["particle-particle"]),
             wall_contact=Contact(**said["contacts"]["particle-wall"]),
@@ -179,9 +206,10 @@ def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
     """Stiffness S_t R^2 [N m/rad] of type C's rolling spring under `LOAD`; `radius` [m] is the effective one."""
     from rigtwin.lab.rigs import GRAVITY
 
-    force = LOAD * deck.particle.mass * GRAVITY
+    bead = deck.particle.typical
+    force = LOAD * bead.mass * GRAVITY
     overlap = (force / (4 / 3 * law.effective_modulus * math.sqrt(radius))) ** (2 / 3)
-    return 8 * law.effective_shear * math.sqrt(radius * overlap) * deck.particle.radius**2
+    return 8 * law.effective_shear * math.sqrt(radius * overlap) * deck.contact_radius**2
 
 
 def triangles(shape: Shape) -> Array:

@@ -33,6 +33,9 @@ def differences(deck: Deck) -> tuple[str, ...]:
     ]
     if isinstance(deck.rig, (Hopper, Packing)):
         found.append("cones and tubes touch only beads whose centres lie between their ends, so edges do not push")
+    if (clump := deck.particle.shape) is not None:
+        missed = commands.inertia_missed(clump)
+        found.append(f"the moments of inertia of the clump are within {100 * missed:.2g} % of its own")
     if deck.rolling != "type C":
         found.insert(0, f"LAMMPS has no rolling resistance of {deck.rolling}; sds has the same limit of the torque")
     return tuple(found)
@@ -62,7 +65,8 @@ def files(deck: Deck) -> dict[str, str]:
 
 def _coefficients(deck: Deck) -> tuple[tuple[float, ...], tuple[float, ...]]:
     among, against = deck.laws
-    radius, inertia = deck.particle.radius, deck.particle.moments[0]
+    bead = deck.particle.typical
+    radius, inertia = deck.contact_radius, min(bead.moments)
 
     def each(law: PairLaw, effective: float, other: float, shared: float) -> tuple[float, ...]:
         spring = rolling_stiffness(deck, law, effective)
@@ -130,14 +134,27 @@ def _input(deck: Deck) -> str:
         f"shell rm {RECORD}\nshell rm {END}\n"
         "units si\natom_style sphere\natom_modify map array\nboundary f f f\nnewton off\ncomm_modify vel yes\n"
         f"processors * * 1\n{commands.start(deck, 1)}"
-        f"neighbor {commands.SKIN * deck.particle.diameter:.10g} bin\nneigh_modify delay 0\n"
+        f"neighbor {commands.SKIN * deck.particle.diameter:.10g} bin\nneigh_modify delay 0\n{_of_clumps(deck)}"
         f"pair_style granular\npair_coeff * * {_model(among)}\n"
         f"timestep {deck.time_step:.10g}\nfix weight all gravity {GRAVITY} vector 0 0 -1\n"
         + ("variable theta equal 0.0\n" if spins else "")
         + "".join(made.values())
-        + f"fix move all nve/sphere\n{commands.OBSERVED}"
+        + f"{_moved(deck)}{commands.observed(deck)}"
         + commands.stages(deck, NAME, opened, turned)
     )
+
+
+def _of_clumps(deck: Deck) -> str:
+    if deck.particle.shape is None:
+        return ""
+    reach = 2.5 * deck.particle.diameter  # a body must fit into the ghost layer of its owner
+    return f"neigh_modify exclude molecule/intra all\ncomm_modify cutoff {reach:.10g}\n"
+
+
+def _moved(deck: Deck) -> str:
+    if deck.particle.shape is None:
+        return "fix move all nve/sphere\n"
+    return commands.RIGID if len(deck.scene.places) else ""
 
 
 def _walls(deck: Deck, name: str, shape: Shape, model: str) -> str:

@@ -86,7 +86,7 @@ def _input(deck: Deck) -> str:
         f"neighbor {commands.SKIN * deck.particle.diameter:.10g} bin\nneigh_modify delay 0\n"
         f"include contacts.in\nfix weight all gravity {GRAVITY} vector 0 0 -1\n"
         f"{meshes}{_walls(deck, list(scene.walls))}"
-        f"fix move all nve/sphere\n{commands.OBSERVED}"
+        f"fix move all nve/sphere\n{commands.observed(deck)}"
         f"{commands.stages(deck, NAME, opened, turned, lifted)}"
     )
 

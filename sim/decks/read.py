@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -69,18 +70,22 @@ def record_of(folder: Path, deck: Deck) -> Any:
     """
     if not (folder / END).is_file():
         raise BadInput(f"{folder}: there is no {END}: the deck has not run to its end; run there: {deck.command}")
-    [*_, last] = frames(folder / END, deck.time_step)
     rig, bead, options = deck.rig, deck.particle, dict(deck.options or {})
-    count = deck.scene.count
-    if len(last.ident) and (last.ident[-1] >= count or last.ident[0] < 0):
+    count, sizes = deck.scene.count, deck.scene.sizes
+
+    def read(name: str) -> list[Frame]:
+        return [replace(one, sizes=sizes) for one in frames(folder / name, deck.time_step)]
+
+    [*_, last] = read(END)
+    if len(last.ident) and (last.ident[-1] >= count * len(bead.radii) or last.ident[0] < 0):
         raise BadInput(f"{folder / END}: has other beads than the {count} of the deck; run the deck again.")
     if isinstance(rig, Packing):
         return packing.replayed(rig, bead, last, asked=count, pour_rate=options.get("pour_rate"))
     if isinstance(rig, Pile):
         rate = options.get("pour_rate")
-        filled = frames(folder / RECORD, deck.time_step)[0] if rig.variant == "pouring" else None
+        filled = read(RECORD)[0] if rig.variant == "pouring" else None
         return pile.replayed(rig, bead, last, asked=count, in_time=True, pour_rate=rate, filled=filled)
-    over_time = frames(folder / RECORD, deck.time_step) if (folder / RECORD).is_file() else []
+    over_time = read(RECORD) if (folder / RECORD).is_file() else []
     if len(over_time) < 2:
         raise BadInput(f"{folder}: there is no {RECORD} with several frames; run there: {deck.command}")
     in_time = resting(over_time[0].grains(bead), bead, SETTLED)

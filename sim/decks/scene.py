@@ -95,6 +95,10 @@ class Scene:
     high: Array  # [m], shape (3,)
     inside: Array  # [m], shape (3,), a point on the beads' side of all walls
     warnings: tuple[str, ...] = ()
+    sizes: Array | None = None
+    """Sizes over that of the largest particle, shape (count,), in the order of their numbers; None: all alike."""
+    turns: Array | None = None
+    """Orientations of clumps, shape (count, 4): quaternions, the real part first."""
 
     @property
     def count(self) -> int:
@@ -170,19 +174,22 @@ def _packing(
         filling.need_bearable(source, fastest)
         filling.need_bearable_fall("cylinder_height", source.height, source.speed, fastest)
         low, high = packing.domain_of(rig, particle, source, None)
-        stages = (_poured(source, particle, count, random), Settle(settle_limit, AT_REST))
+        sizes = filling.Course(random=random).sizes(count, particle)
+        pour, turns = _poured(source, particle, count, sizes, random)
+        stages = (pour, Settle(settle_limit, AT_REST))
     else:
         above = packing.Hopper(rig.hopper_diameter, source, particle, count)
         walls |= dict(zip(("slide", "cone", "bin"), above.shapes, strict=True))
         wide = above.diameter / 2
         box = np.array([-wide, -wide, source.height]), np.array([wide, wide, above.top])
         funnel = filling.in_funnel(source.diameter, above.diameter, above.cone_height, source.height)
-        places, velocities = filling.scattered(count, funnel, box, particle, random)
+        places, velocities, sizes = filling.scattered(count, funnel, box, particle, random)
+        turns = filling.turns_of(count, particle, random)
         low, high = packing.domain_of(rig, particle, source, above)
         flows = _longest_flow(particle, source.diameter, count)
         stages = (Settle(fill_limit, SETTLED), Open("slide"), Settle(flows + settle_limit, AT_REST))
     middle = np.array([0.0, 0.0, rig.cylinder_height / 2])
-    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle)
+    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle, (), sizes, turns)
 
 
 def _pile(
@@ -218,15 +225,17 @@ def _pile(
         walls = dict(zip(("lid", "base", "container"), method.shapes, strict=True))
         half = rig.base_diameter / 2
         box = np.array([-half, -half, 0.0]), np.array([half, half, method.height])
-        at, moving = filling.scattered(count, filling.in_tube(2 * half), box, particle, random)
+        at, moving, sizes = filling.scattered(count, filling.in_tube(2 * half), box, particle, random)
         stages: tuple[Stage, ...] = (Settle(fill_limit, SETTLED), Open("lid"), Settle(settle_limit, AT_REST))
-        return Scene(rig, walls, at, moving, stages, low, high, inside, said)
+        return Scene(rig, walls, at, moving, stages, low, high, inside, said, sizes)
     if isinstance(method, Pouring):
         return _lifted(method, low, high, inside, random, fill_limit, settle_limit)
     assert isinstance(method, Piling)
     walls = dict(zip(("base", "rim"), method.shapes, strict=False))
-    stages = (_poured(method.outlet, particle, count, random), Settle(settle_limit, AT_REST))
-    return Scene(rig, walls, NOTHING, NOTHING, stages, low, high, inside, said)
+    sizes = filling.Course(random=random).sizes(count, particle)
+    pour, turned = _poured(method.outlet, particle, count, sizes, random)
+    stages = (pour, Settle(settle_limit, AT_REST))
+    return Scene(rig, walls, NOTHING, NOTHING, stages, low, high, inside, said, sizes, turned)
 
 
 def _lifted(
@@ -238,11 +247,12 @@ def _lifted(
                      strict=True))  # fmt: skip
     half, bead = method.tube_diameter / 2, method.particle
     box = np.array([-half, -half, 0.0]), np.array([half, half, method.tube_height])
-    at, moving = filling.scattered(method.count, filling.in_tube(2 * half), box, bead, random)
-    bed = method.count * bead.volume / LOOSEST / (math.pi * half**2) + bead.diameter
+    at, moving, sizes = filling.scattered(method.count, filling.in_tube(2 * half), box, bead, random)
+    bed = method.count * bead.mean_volume / LOOSEST / (math.pi * half**2) + bead.diameter
     lift = Lift("tube", method.lift_speed, bed)
     stages = (Settle(fill_limit, SETTLED), lift, Open("tube"), Settle(settle_limit, AT_REST))
-    return Scene(method.rig, walls, at, moving, stages, low, np.add(high, (0.0, 0.0, 1.1 * bed)), inside)
+    above = np.add(high, (0.0, 0.0, 1.1 * bed))
+    return Scene(method.rig, walls, at, moving, stages, low, above, inside, sizes=sizes)
 
 
 def _drum(
@@ -260,14 +270,16 @@ def _drum(
     depth, _ = drum.filled_in(rig)
     said = "fill" if count is None else "count"
     inside, box = drum.room(rig, depth)
-    places, velocities = filling.scattered(
+    places, velocities, sizes = filling.scattered(
         drum.filled(rig, particle) if count is None else count, inside, box, particle, random, said
     )
+    turned = filling.turns_of(len(places), particle, random)
     low, high = drum.domain(rig, depth, particle)
     walls = dict(zip(("shell", "front", "back"), drum.shapes(rig, depth), strict=True))
     turn = Turn(rig.speed, turns * 2 * math.pi / abs(rig.speed), interval)
     stages = (Settle(fill_limit, SETTLED), turn)
-    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), np.zeros(3))
+    middle = np.zeros(3)
+    return Scene(rig, walls, places, velocities, stages, np.array(low), np.array(high), middle, (), sizes, turned)
 
 
 def _hopper(
@@ -283,7 +295,7 @@ def _hopper(
     hopper.check(rig, particle, count=count, duration=duration)
     positive(fill_limit=fill_limit, settle_limit=settle_limit)
     plan = hopper.plan_of(rig, particle, count)
-    places, velocities = filling.scattered(count, plan.inside, plan.filled, particle, random)
+    places, velocities, sizes = filling.scattered(count, plan.inside, plan.filled, particle, random)
     walls: dict[str, Shape] = {"lid": plan.shapes[hopper.LID]}
     walls |= {f"wall{k}": shape for k, shape in enumerate(plan.shapes) if k != hopper.LID}
     limit = _longest_flow(particle, rig.outlet, count) if duration is None else duration
@@ -291,31 +303,38 @@ def _hopper(
     if plan.floor:
         stages.append(Settle(settle_limit, AT_REST))
     inside = np.array([0.0, 0.0, particle.diameter])
-    return Scene(rig, walls, places, velocities, tuple(stages), plan.domain[0], plan.domain[1], inside)
+    return Scene(rig, walls, places, velocities, tuple(stages), plan.domain[0], plan.domain[1], inside, sizes=sizes)
 
 
 def _longest_flow(particle: Particle, outlet: float, count: int) -> float:
     """Longest discharge [s], after which a hopper counts as blocked: four times Beverloo's, and two seconds."""
-    grain = particle.equivalent_diameter
+    grain = particle.typical.equivalent_diameter
     return 2.0 + 4.0 * count / filling.beverloo(particle, max(outlet, 2.5 * grain), grain)
 
 
-def _poured(source: filling.Outlet, particle: Particle, count: int, random: np.random.Generator) -> Pour:
-    """Batches of beads that find room below the outlet, while earlier ones fall freely."""
+def _poured(
+    source: filling.Outlet, particle: Particle, count: int, sizes: Array | None, random: np.random.Generator
+) -> tuple[Pour, Array | None]:
+    """Batches of beads that find room below the outlet, while earlier ones fall freely; and the turns of clumps."""
     batches: list[Array] = []
-    falling, speeds, placed = NOTHING, np.zeros(0), 0
+    turns: list[Array] = []
+    wide = np.full(count, particle.diameter) if sizes is None else particle.diameter * sizes
+    falling, speeds, radii, placed = NOTHING, np.zeros(0), np.zeros(0), 0
     patience = 0
     while placed < count and patience < filling.PATIENCE:
         due = filling.due_at(source, len(batches) * LOOK, count) - placed
-        new = filling.places(falling, source, particle.diameter, due, random)
+        new = filling.places(falling, radii, source, wide[placed : placed + max(due, 0)], random)
         batches.append(new)
+        if (turned := filling.turns_of(len(new), particle, random)) is not None:
+            turns.append(turned)
+        radii = np.append(radii, wide[placed : placed + len(new)] / 2)
         placed += len(new)
         patience = 0 if len(new) or due <= 0 else patience + 1
         falling, speeds = np.vstack([falling, new]), np.append(speeds, np.full(len(new), source.speed))
         falling = falling - np.column_stack([0 * speeds, 0 * speeds, speeds * LOOK + GRAVITY / 2 * LOOK**2])
         speeds = speeds + GRAVITY * LOOK
         near = falling[:, 2] > source.height - 2 * particle.diameter
-        falling, speeds = falling[near], speeds[near]
+        falling, speeds, radii = falling[near], speeds[near], radii[near]
     if placed < count:
         raise BadInput(f"count: only {placed} of {count} beads find room below the outlet; give a wider outlet.")
-    return Pour(source.speed, tuple(batches))
+    return Pour(source.speed, tuple(batches)), np.concatenate(turns) if turns else None

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.decks.commands import diameters
 from rigtwin.sim.decks.deck import END, RECORD, Deck, rolling_stiffness, triangles
 from rigtwin.sim.decks.scene import Pour
 from rigtwin.sim.run.filling import LOOK
@@ -38,7 +39,7 @@ def converted(deck: Deck) -> dict[str, Any]:
         "restitution": [deck.contact.restitution, deck.wall_contact.restitution],
         "static_friction": [deck.contact.static_friction, deck.wall_contact.static_friction],
         "rolling_friction": [deck.contact.rolling_friction, deck.wall_contact.rolling_friction],
-        "krot_n_m_per_rad": rolling_stiffness(deck, deck.laws[0], deck.particle.radius / 2),
+        "krot_n_m_per_rad": rolling_stiffness(deck, deck.laws[0], deck.particle.typical.radius / 2),
         "rolling_friction_arm": "own radius",
     }
 
@@ -47,7 +48,8 @@ def files(deck: Deck) -> dict[str, str]:
     """The script and its numbers, by name."""
     scene, bead = deck.scene, deck.soft
     numbers = {
-        "radius": bead.radius,
+        "radius": bead.typical.radius,
+        "radii": (diameters(deck) / 2).tolist(),
         "density": bead.effective_density,
         "young": bead.material.youngs_modulus,
         "poisson": bead.material.poisson_ratio,
@@ -55,7 +57,7 @@ def files(deck: Deck) -> dict[str, str]:
         "gravity": GRAVITY,
         "time_step": deck.time_step,
         "look": LOOK,
-        "mass": bead.mass,
+        "mass": bead.mean_mass,
         "low": scene.low.tolist(),
         "high": scene.high.tolist(),
         "walls": {name: triangles(shape).tolist() for name, shape in scene.walls.items()},
@@ -114,7 +116,7 @@ beads = {}  # number of each bead by its id
 
 
 def add(place, velocity):
-    body = sphere(Vector3(*place), radius, material=bead)
+    body = sphere(Vector3(*place), D["radii"][len(beads)], material=bead)
     body.state.vel = Vector3(*velocity)
     beads[O.bodies.append(body)] = len(beads) + 1
 
@@ -137,7 +139,8 @@ def wall_rolling():
         for id in ids:
             for contact in O.bodies[id].intrs():
                 if contact.isReal:
-                    contact.phys.maxBendPl = D["rolling_friction"][1] * radius
+                    ball = O.bodies[contact.id1 if contact.id2 == id else contact.id2]
+                    contact.phys.maxBendPl = D["rolling_friction"][1] * ball.shape.radius
 
 
 turning = RotationEngine(
@@ -145,7 +148,7 @@ turning = RotationEngine(
     rotateAroundZero=True, zeroPoint=(0, 0, 0), dead=True)
 O.engines = [
     ForceResetter(),
-    InsertionSortCollider([Bo1_Sphere_Aabb(), Bo1_Facet_Aabb()], verletDist=0.1 * radius),
+    InsertionSortCollider([Bo1_Sphere_Aabb(), Bo1_Facet_Aabb()], verletDist=0.1 * min(D["radii"])),
     InteractionLoop(
         [Ig2_Sphere_Sphere_ScGeom(), Ig2_Facet_Sphere_ScGeom()],
         [Ip2_FrictMat_FrictMat_MindlinPhys(

@@ -130,11 +130,11 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
     height = 3 * bead if fall_height is None else fall_height
     positive(fall_height=height)
     free = math.sqrt(GRAVITY * diameter / 2)  # [m/s], speed of a free discharge
-    solid = particle.mass / particle.effective_density
+    solid, grain = particle.mean_volume, particle.typical.diameter
     rate_from = filling.GIVEN
     if rate is None:
-        grains = f"for grains of {bead * 1e3:.3g} mm"
-        rate, rate_from = filling.beverloo(particle, diameter, bead), f"Beverloo's discharge of the outlet {grains}"
+        grains = f"for grains of {grain * 1e3:.3g} mm"
+        rate, rate_from = filling.beverloo(particle, diameter, grain), f"Beverloo's discharge of the outlet {grains}"
         # beads released faster than the fall accelerates them would dig into the heap
         fastest = max(free, math.sqrt(2 * GRAVITY * height))
         quick = min(QUICK_RATE, STREAM * math.pi / 4 * diameter**2 * fastest / solid)

@@ -16,7 +16,6 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.lab.size_distributions import uniform
 from rigtwin.sim.engine.time_step import positive
 
 if TYPE_CHECKING:
@@ -88,7 +87,7 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
         )
     rate_from = GIVEN
     if rate is None:
-        grain = particle.equivalent_diameter
+        grain = particle.typical.equivalent_diameter
         rate = beverloo(particle, diameter, grain)
         grains = f"for grains of {grain * 1e3:.3g} mm"
         rate_from = f"Beverloo's discharge of the outlet {grains}"
@@ -97,7 +96,7 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
             rate = least
     positive(pour_rate=rate)
     # speed of a free discharge, or more if the particles would otherwise overlap
-    thinnest = rate * particle.diameter**3 / (0.3 * diameter**2)
+    thinnest = rate * particle.mean_cube * particle.diameter**3 / (0.3 * diameter**2)
     return Outlet(diameter, height, rate, max(math.sqrt(GRAVITY * diameter / 2), thinnest), rate_from)
 
 
@@ -147,10 +146,10 @@ def beverloo(particle: Particle, outlet: float, grain: float) -> float:
     """Particles per second through a round outlet of diameter `outlet` [m], by Beverloo's law.
 
     Mass flow 0.58 rho_b sqrt(g) (D - 1.4 d)^2.5 with d = `grain` [m] and the bulk density rho_b = `PACKING` times the
-    density of the particle.
+    density of the particle; of sizes that differ `grain` is the typical one, and the mass of one the mean.
     """
     flow: float = 0.58 * PACKING * particle.effective_density * math.sqrt(GRAVITY) * (outlet - 1.4 * grain) ** 2.5
-    return flow / particle.mass
+    return flow / particle.mean_mass
 
 
 @dataclass
@@ -178,6 +177,7 @@ class Course(Filling):
     random: np.random.Generator
     placed: int = 0
     patience: int = 0  # checks in a row without room for a particle
+    size_seed: int | None = None  # from which the sizes of all particles are drawn, where they differ
 
     def kept(self) -> dict[str, Any]:
         return {**super().kept(), "random": self.random.bit_generator.state}
@@ -187,6 +187,17 @@ class Course(Filling):
             raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
         self.random.bit_generator.state = kept["random"]
         super().go_on({name: value for name, value in kept.items() if name != "random"})
+
+    def sizes(self, count: int, particle: Particle) -> Array | None:
+        """Sizes of all `count` particles over the largest, in the order in which they are placed; None if all alike.
+
+        Drawn at once: if a size were drawn for each new place, large particles would find room more rarely.
+        """
+        if particle.sizes is None:
+            return None
+        if self.size_seed is None:
+            self.size_seed = int(self.random.integers(2**32))
+        return _sizes(count, particle, np.random.default_rng(self.size_seed))
 
 
 def rain(
@@ -203,13 +214,20 @@ def rain(
     `above` returns the outlet at its present height, and the centres [m], shape (n, 3), that new particles avoid.
     """
     steps = max(1, round(LOOK / bulk.time_step))
+    sizes = course.sizes(count, particle)
     while course.placed < count and course.patience < PATIENCE:
         source, occupied = above()
         due = due_at(source, bulk.time, count) - course.placed
-        new = places(occupied, source, particle.diameter, due, course.random)
+        wide = np.full(max(due, 0), particle.diameter)
+        radii = np.full(len(occupied), particle.radius)
+        if sizes is not None:
+            grains = bulk.grains()
+            occupied, radii = grains.position, particle.radius * np.cbrt(grains.mass / particle.mass)
+            wide = particle.diameter * sizes[course.placed : course.placed + max(due, 0)]
+        new = places(occupied, radii, source, wide, course.random)
         turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
-        sizes = _sizes(len(new), particle, course.random)
-        bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn, scale=sizes)
+        scale = None if sizes is None else sizes[course.placed : course.placed + len(new)]
+        bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn, scale=scale)
         course.patience = 0 if len(new) or due <= 0 else course.patience + 1
         course.placed += len(new)
         logbook.run(steps)
@@ -222,20 +240,25 @@ def due_at(source: Outlet, time: float, count: int) -> int:
     return min(count, math.ceil(source.rate * (time + LOOK)))
 
 
-def places(occupied: Array, source: Outlet, diameter: float, due: int, rng: np.random.Generator) -> Array:
-    """Up to `due` positions [m] in the layer above the outlet, clear of all particles and of each other."""
-    clear2 = (CLEAR * diameter) ** 2
-    taken = occupied[occupied[:, 2] > source.height - CLEAR * diameter]
-    reach = (source.diameter - diameter) / 2
+def places(occupied: Array, radii: Array, source: Outlet, diameters: Array, rng: np.random.Generator) -> Array:
+    """Positions [m] in the layer above the outlet for the first of particles of these `diameters` [m].
+
+    They are clear of each other and of all particles at `occupied`, which have `radii`.
+    """
+    due = len(diameters)
+    near = occupied[:, 2] > source.height - CLEAR * max(diameters.max(initial=0.0), 2 * radii.max(initial=0.0))
+    taken, around = occupied[near], radii[near]
     found: list[Array] = []
     for _ in range(TRIES * due):
         if len(found) == due:
             break
+        diameter = float(diameters[len(found)])
+        reach = (source.diameter - diameter) / 2
         distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
         height = source.height + (source.slab + diameter) * rng.random()
         place = np.array([distance * math.cos(angle), distance * math.sin(angle), height])
-        if not len(taken) or ((taken - place) ** 2).sum(1).min() > clear2:
-            taken = np.vstack([taken, place])
+        if (((taken - place) ** 2).sum(1) > (CLEAR * (around + diameter / 2)) ** 2).all():
+            taken, around = np.vstack([taken, place]), np.append(around, diameter / 2)
             found.append(place)
     return np.array(found).reshape(-1, 3)
 
@@ -247,9 +270,8 @@ def scatter(
 
     They are placed on the loosest lattice that fits, filled from below, with a random shift from each site.
     """
-    places, velocities = scattered(count, inside, box, particle, random)
-    turns = _turns(len(places), particle, random)
-    bulk.add(places, velocities, turn=turns, scale=_sizes(len(places), particle, random))
+    places, velocities, sizes = scattered(count, inside, box, particle, random)
+    bulk.add(places, velocities, turn=turns_of(len(places), particle, random), scale=sizes)
 
 
 def scattered(
@@ -259,15 +281,17 @@ def scattered(
     particle: Particle,
     random: np.random.Generator,
     said: str = "count",
-) -> tuple[Array, Array]:
-    """Places [m] and velocities [m/s] of particles as `scatter` adds them, both of shape (count, 3).
+) -> tuple[Array, Array, Array | None]:
+    """Places [m] and velocities [m/s] of particles as `scatter` adds them, both of shape (count, 3), and their sizes.
 
-    `said` is the setting that determines `count`, for the error message.
+    Sizes are over the largest, None where all are alike.  `said` is the setting that determines `count`, for the error
+    message.
     """
-    sites, shift = _sites(count, inside, box, particle)
+    sizes = _sizes(count, particle, random)
+    sites, shift = _sites_of(count, inside, box, particle, sizes)
     if len(sites) < count:
         raise _too_many(count, particle, len(sites), said)
-    return _shaken(sites[:count], shift, random)
+    return *_shaken(sites[:count], shift, random), sizes
 
 
 def scatter_in_turns(
@@ -286,21 +310,81 @@ def scatter_in_turns(
     `said` is the setting that determines `count`, for the error message.
     """
     steps = max(1, round(LOOK / bulk.time_step))
+    sizes = course.sizes(count, particle)
     while course.placed < count:
         taken = bulk.grains().position
         phase = course.random.random(3) if len(taken) else MIDDLE
-        new, shift = _sites(count - course.placed, inside, box, particle, taken, phase)
+        rest = None if sizes is None else sizes[course.placed :]
+        new, shift = _sites_of(count - course.placed, inside, box, particle, rest, taken, phase)
         new = new[: count - course.placed]
         if not len(new) and course.patience == PATIENCE:
             raise _too_many(count, particle, course.placed, said)
         if len(new):
-            _place(bulk, new, shift, particle, course.random)
+            places, velocities = _shaken(new, shift, course.random)
+            scale = None if rest is None else rest[: len(new)]
+            bulk.add(places, velocities, turn=turns_of(len(new), particle, course.random), scale=scale)
         course.patience = 0 if len(new) else course.patience + 1
         course.placed += len(new)
         if course.placed < count:
             logbook.run(steps)
             logbook.look(course.kept())
             progress("filling", course.placed, count)
+
+
+def _sites_of(
+    count: int,
+    inside: Inside,
+    box: tuple[Array, Array],
+    particle: Particle,
+    sizes: Array | None,
+    taken: Array = NOTHING,
+    phase: Array = MIDDLE,
+) -> tuple[Array, Array]:
+    """Sites for the first of `count` particles, and how far [m] each may be shifted; more sites where all are alike."""
+    if sizes is None:
+        sites, shift = _sites(count, inside, box, particle, taken, phase)
+        return sites, np.full(len(sites), shift)
+    for pitch in np.linspace(LOOSEST, TIGHTEST, 12) * particle.diameter:
+        steps = [np.arange(low + part * pitch, high, pitch) for low, high, part in zip(*box, phase, strict=True)]
+        blocks = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        blocks = blocks[inside(blocks, particle.smallest_radius)]
+        if len(taken) and len(blocks):
+            near, _ = cKDTree(taken).query(blocks, distance_upper_bound=particle.radius + pitch)
+            blocks = blocks[np.isinf(near)]
+        blocks = blocks[np.argsort(blocks[:, 2], kind="stable")]
+        sites, shift_of = _cells(blocks, float(pitch), sizes * particle.radius, inside)
+        if len(sites) == len(sizes):
+            break
+    return sites, shift_of
+
+
+def _cells(blocks: Array, pitch: float, radii: Array, inside: Inside) -> tuple[Array, Array]:
+    """Sites for the first of particles of different `radii` [m] in their order, and how far each may be shifted.
+
+    A particle takes a cube of `pitch`, or one of the eight parts of such a cube, or of a part, the smallest that holds
+    it as loosely as `pitch` holds the largest.
+    """
+    largest = radii.max()
+    free: list[list[Array]] = [list(blocks[::-1])]
+    corners = np.stack(np.meshgrid(*[(-0.25, 0.25)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    sites: list[Array] = []
+    shifts: list[float] = []
+    for radius in radii:
+        level = int(math.log2(largest / radius) + 1e-9)
+        free += [[] for _ in range(level + 1 - len(free))]
+        shift = 0.45 * (pitch / 2**level - 2 * radius)
+        while True:
+            fitting = next((k for k in range(level, -1, -1) if free[k]), None)
+            if fitting is None:
+                return np.array(sites).reshape(-1, 3), np.array(shifts)
+            cell = free[fitting].pop()
+            if fitting < level:
+                free[fitting + 1] += list(cell + corners[::-1] * (pitch / 2**fitting))
+            elif inside(cell[None], radius + shift)[0]:
+                break
+        sites.append(cell)
+        shifts.append(shift)
+    return np.array(sites).reshape(-1, 3), np.array(shifts)
 
 
 def _sites(
@@ -328,28 +412,21 @@ def _sites(
     return sites[np.argsort(sites[:, 2], kind="stable")], shift
 
 
-def _place(bulk: Bulk, sites: Array, shift: float, particle: Particle, random: np.random.Generator) -> None:
-    places, velocities = _shaken(sites, shift, random)
-    turns = _turns(len(sites), particle, random)
-    bulk.add(places, velocities, turn=turns, scale=_sizes(len(sites), particle, random))
-
-
-def _shaken(sites: Array, shift: float, random: np.random.Generator) -> tuple[Array, Array]:
+def _shaken(sites: Array, shift: Array, random: np.random.Generator) -> tuple[Array, Array]:
     """Places [m] near the sites, and velocities [m/s]."""
-    places = sites + random.uniform(-shift, shift, sites.shape) / np.sqrt(3)
+    far = shift[: len(sites), None]
+    places = sites + random.uniform(-far, far, sites.shape) / np.sqrt(3)
     return places, random.normal(0, THROWN, sites.shape)
 
 
-def _turns(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
+def turns_of(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
     """Random orientations of clumps, quaternions of shape (count, 4)."""
     return None if particle.shape is None else random.normal(size=(count, 4))
 
 
 def _sizes(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
-    """Random sizes of spheres over the largest; None where all are alike."""
-    if particle.smallest is None:
-        return None
-    return uniform(particle.smallest, particle.diameter).draw(count, random) / particle.diameter
+    """Random sizes of particles over the largest; None where all are alike."""
+    return None if particle.sizes is None else particle.sizes.draw(count, random) / particle.sizes.largest
 
 
 def _too_many(count: int, particle: Particle, room: int, said: str = "count") -> BadInput:
@@ -359,16 +436,25 @@ def _too_many(count: int, particle: Particle, room: int, said: str = "count") ->
 
 def loose_height(particle: Particle, count: int, diameter: float) -> float:
     """Height [m] of a round container in which `count` particles find room on the loose lattice."""
-    # on the loose lattice a particle takes up to five cubes of its diameter; a narrow container loses its edge
-    free = math.pi / 4 * (diameter - 0.5 * particle.diameter) ** 2
-    return 5 * count * particle.diameter**3 / free + 2 * particle.diameter
+    free = math.pi / 4 * (diameter - 0.5 * particle.diameter) ** 2  # a narrow container loses its edge
+    return loose_room(particle, count) / free + 2 * particle.diameter
+
+
+def loose_room(particle: Particle, count: int) -> float:
+    """Volume [m^3] in which `count` particles find room on the loose lattice."""
+    # a particle takes up to five cubes of its diameter, or of the part of the lattice in which it fits
+    cell = 1.0
+    if (sizes := particle.sizes) is not None:
+        cell = sizes.mean(lambda d: 8.0 ** -np.floor(np.log2(sizes.largest / d)))
+    return 5 * count * cell * particle.diameter**3
 
 
 def resting(grains: Grains, particle: Particle, still: Stillness = AT_REST) -> bool:
     """Whether the particles are at rest."""
     mean = grains.kinetic_energy / max(len(grains.ident), 1)
     fastest = math.sqrt((grains.velocity**2).sum(1).max(initial=0.0))
-    return mean < still.energy * particle.mass * GRAVITY * particle.radius and fastest < still.speed
+    lifted = particle.mean_mass * GRAVITY * particle.typical.radius
+    return mean < still.energy * lifted and fastest < still.speed
 
 
 def settle(

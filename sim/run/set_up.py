@@ -102,7 +102,7 @@ class Bench:
         """Largest speed [m/s] of a bead or a wall; a faster one moves too far in a step and misses contacts."""
         from rigtwin.sim.engine.bulk.bulk import STEP_IN_RADII
 
-        return STEP_IN_RADII * min(self.soft.radii) / self.time_step()[0]
+        return STEP_IN_RADII * self.soft.smallest_radius / self.time_step()[0]
 
     @property
     def falls_freely(self) -> bool:

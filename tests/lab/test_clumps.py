@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 import pytest
-import trimesh
 
-from rigtwin.lab import clumps as shapes
-from rigtwin.lab.clumps import ACCURACY, clump, cubic, filled, mass_properties, row
+from rigtwin.lab.clumps import ACCURACY, clump, cubic, mass_properties, row
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Material, Particle, clumped
 from rigtwin.lab.reference import hlosta2020
@@ -177,50 +175,3 @@ def test_a_clump_with_another_diameter_than_its_own_is_refused():
         Particle("odd", ASH, 1.0, shape=row(2, 1e-3, 1e-3))
     with pytest.raises(BadInput, match="both given"):
         clumped("odd", ASH, row(2, 1e-3, 1e-3), density=1.0, mass=1.0)
-
-
-@pytest.mark.slow
-def test_more_spheres_fill_a_cube_better_and_none_passes_its_faces():
-    cube = trimesh.creation.box((6e-3, 6e-3, 6e-3))
-    parts = []
-    for count in (1, 8, 20):
-        shape = filled(cube, count)
-        assert len(shape.radii) == count
-        assert max(shape.radii) <= 3e-3
-        parts.append(shape.volume / cube.volume)
-    # turned to its principal axes the clump may stick out of a cube along the old ones, but not of its ball
-    assert shape.reach < 3e-3 * math.sqrt(3) + 0.5e-3
-    assert parts[0] == pytest.approx(math.pi / 6, rel=0.03)
-    assert parts == sorted(parts)
-    assert 0.75 < parts[2] < 1
-
-
-def test_a_rod_from_an_stl_file_is_filled_with_spheres_along_it(tmp_path, monkeypatch):
-    rod = trimesh.creation.cylinder(radius=3e-3, height=15e-3, sections=24)
-    rod.export(tmp_path / "rod.stl")
-    shape = filled(tmp_path / "rod.stl", 6)
-    assert shape.volume == pytest.approx(rod.volume, rel=0.3)
-    assert shape.volume < rod.volume
-    assert max(shape.radii) == pytest.approx(3e-3, rel=0.02)
-    places = np.array(shape.offsets)
-    thickness = np.ptp(places, axis=0)
-    assert sorted(thickness)[1] < 3e-3 < max(thickness)  # in a line
-    monkeypatch.setattr(shapes, "GRID", 24)
-    assert filled(rod, 6) == filled(rod, 6)
-
-
-def test_a_body_that_is_open_or_cannot_be_read_is_refused(tmp_path):
-    cube = trimesh.creation.box((6e-3, 6e-3, 6e-3))
-    half = trimesh.Trimesh(cube.vertices, cube.faces[:6])
-    with pytest.raises(BadInput, match="not closed"):
-        filled(half, 3)
-    with pytest.raises(BadInput, match="cannot be read"):
-        filled(tmp_path / "none.stl", 3)
-    with pytest.raises(BadInput, match="fill nothing"):
-        filled(cube, 0)
-
-
-def test_more_spheres_than_a_body_has_room_for_are_refused(monkeypatch):
-    monkeypatch.setattr(shapes, "GRID", 16)  # a body looked at more closely has room for more small ones
-    with pytest.raises(BadInput, match="already fill"):
-        filled(trimesh.creation.icosphere(subdivisions=2, radius=3e-3), 500)

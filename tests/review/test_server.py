@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
+import trimesh
 
 from rigtwin.cli import run
 
@@ -235,3 +236,19 @@ rejected = "a hand is in view"
         assert shown == [["./heaps/b2.jpg"], ["heaps/b10.jpg"], ["clips/r01.jpg"], ["clips/r02.jpg"]]
         assert one["repetitions"][0][0]["rejected"] == "a hand is in view"
         assert [ask(f"/frame/0/{repetition}/0/0")[0] for repetition in range(5)] == [200, 200, 200, 200, 404]
+
+
+def test_a_lab_with_a_particle_from_an_stl_file_is_served_and_measured(tmp_path, served):
+    trimesh.creation.icosphere(subdivisions=3, radius=3.1).export(tmp_path / "ball.stl")
+    shutil.copy(MEDIA / "pile/view1.jpg", tmp_path)
+    particle = '[particles.ball]\nmaterial = "wood_ash"\nstl = "ball.stl"\n'
+    (tmp_path / "lab.toml").write_text(particle + LAB.replace('"D6"', '"ball"'))
+    with served(tmp_path) as address:
+        ask = Caller(address)
+        status, answer, _ = ask("/api/lab")
+        assert status == 200
+        (experiment,) = json.loads(answer)["experiments"]
+        assert experiment["particle"] == "ball"
+        assert ask("/api/result/0/0")[0] == 200
+        changed = ask("/api/set", ask.own, "POST", CHANGE)
+        assert changed[0] == 200, changed[1]

@@ -14,8 +14,9 @@ from rigtwin.compare.campaign.vary import Setting, at, contact_pair, of_contact
 from rigtwin.compare.diagnose.bulk.bulk_lab import BulkCondition, BulkLab
 from rigtwin.compare.diagnose.bulk.observables import Distortion
 from rigtwin.lab.clumps import clump
-from rigtwin.lab.materials import clumped
+from rigtwin.lab.materials import clumped, sized
 from rigtwin.lab.rigs import GRAVITY, DrumSettings, HopperSettings, PackingSettings, PileSettings
+from rigtwin.lab.size_distributions import uniform
 
 COHESION = "cohesion_sjkr.energy_density"
 FACTOR = 4.0  # of a coefficient or a speed, at the ends of its range
@@ -226,7 +227,7 @@ def _particle_axes(lab: BulkLab) -> Iterator[Axis]:
     known = lab.uncertain
 
     def sized(setting: Setting, value: float) -> Setting:
-        return at(setting, {"diameter": setting.experiment.particle.diameter * (1 + value)})
+        return at(setting, {"diameter": setting.experiment.particle.typical.diameter * (1 + value)})
 
     yield Axis(
         "diameter", "1", "diameter over the stated one, less 1", lambda u: SIZE * u, known.diameter_rel / SIZE,
@@ -245,7 +246,7 @@ def _particle_axes(lab: BulkLab) -> Iterator[Axis]:
 def elongated(setting: Setting, value: float) -> Setting:
     """The particle as a clump of two spheres with its volume and mass, longer than wide by `value`."""
     bead = setting.experiment.particle
-    if value <= 0 or bead.shape is not None:
+    if value <= 0 or bead.shape is not None or bead.sizes is not None:
         return setting
     unit = clump([(-value / 2, 0.0, 0.0), (value / 2, 0.0, 0.0)], 0.5)
     width = (bead.volume / unit.volume) ** (1 / 3)
@@ -264,10 +265,10 @@ def _spread() -> Axis:
 def spread(setting: Setting, value: float) -> Setting:
     """The spheres with diameters of this relative standard deviation about the stated one, all alike often."""
     bead = setting.experiment.particle
-    if value <= 0 or bead.shape is not None:
+    if value <= 0 or bead.shape is not None or bead.sizes is not None:
         return setting
     half = math.sqrt(3) * value
-    mixed = replace(bead, diameter=bead.diameter * (1 + half), smallest=bead.diameter * (1 - half))
+    mixed = sized(bead, uniform(bead.diameter * (1 - half), bead.diameter * (1 + half)))
     return Setting(replace(setting.experiment, particle=mixed), setting.model)
 
 

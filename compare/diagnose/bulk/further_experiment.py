@@ -17,10 +17,11 @@ from rigtwin.compare.diagnose.selection.next_experiment import CLEAR
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.materials import scaled
 
 if TYPE_CHECKING:
     from rigtwin.compare.campaign.campaign import Campaign
-    from rigtwin.lab.progress import Progress
+from rigtwin.lab.progress import Progress
 
 RIVALS = 3  # names that are compared at most
 OTHER_SIZE = 0.6  # size of other beads over the lab's
@@ -90,13 +91,13 @@ def _possible(lab: BulkLab) -> Iterator[BulkCondition]:
     for experiment in candidates(known):
         yield BulkCondition(experiment, ())
     one = known[0]
-    bead = replace(one.particle, diameter=OTHER_SIZE * one.particle.diameter)
+    bead = scaled(one.particle, OTHER_SIZE)
     rig: Any = one.rig
     lengths = ("base_diameter", "rim_height", "tube_diameter", "cylinder_diameter", "drum_diameter", "depth", "outlet",
                "bin_width", "cone_height", "outlet_height", "outlet_diameter")  # fmt: skip
-    scaled = {name: OTHER_SIZE * value for name in lengths if (value := getattr(rig, name, None)) is not None}
+    lengthened = {name: OTHER_SIZE * value for name in lengths if (value := getattr(rig, name, None)) is not None}
     words = f"the same {one.rig_name} and beads, all {OTHER_SIZE:g} times as large"
-    yield BulkCondition(Experiment(words, replace(rig, **scaled), bead, one.wall, one.camera, ()), ())
+    yield BulkCondition(Experiment(words, replace(rig, **lengthened), bead, one.wall, one.camera, ()), ())
 
 
 def _runs(condition: BulkCondition) -> bool:

@@ -20,6 +20,7 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, PileSettings
+from rigtwin.lab.size_distributions import Sizes
 
 POINTS = 61  # of the grid of a curve
 ACROSS = {"pile": 0.97, "packing": 0.85, "drum": 0.65}
@@ -138,7 +139,7 @@ def _numbers(
     found = dict.fromkeys(NUMBERS, math.nan)
     surface = settings.get("bed_height_m", settings.get("surface_height_m"))
     if surface is not None:
-        above = (ABOVE_SURFACE + distortion.bed) * experiment.particle.diameter
+        above = (ABOVE_SURFACE + distortion.bed) * experiment.particle.typical.diameter
         found["bed_height"] = surface * (1 + distortion.scale) + above
     heights = [one.value for one in quantities_of(result) if one.quantity == "bed_height" and not one.doubtful]
     if heights:  # read as a film is, by the same function
@@ -156,10 +157,12 @@ def _numbers(
 
 def _volume(bead: Mapping[str, Any]) -> float:
     """Mean volume [m^3] of the particles."""
-    shape = bead.get("shape")
-    low, high = bead.get("smallest"), bead["diameter"]
-    cube = high**3 if low is None or low == high else (high**4 - low**4) / (4 * (high - low))
-    return float(shape["volume"]) if shape else math.pi / 6 * cube
+    shape, sizes = bead.get("shape"), bead.get("sizes")
+    largest = float(shape["volume"]) if shape else math.pi / 6 * bead["diameter"] ** 3
+    if not sizes:
+        return largest
+    found = Sizes(tuple(sizes["diameters"]), tuple(sizes["shares"]))
+    return largest * found.mean_power(3) / found.largest**3
 
 
 def _read(condition: BulkCondition, x: Array, y: Array, distortion: Distortion) -> Array | None:
@@ -170,7 +173,7 @@ def _read(condition: BulkCondition, x: Array, y: Array, distortion: Distortion) 
     experiment = condition.experiment
     turned = math.tan(distortion.roll)
     size = 1 + distortion.scale
-    lowered = y - distortion.lowered * experiment.particle.radius
+    lowered = y - distortion.lowered * experiment.particle.typical.radius
     across, up = size * (x + turned * lowered), size * (lowered - turned * x)
     order = np.argsort(across, kind="stable")
     inside = (at >= across.min()) & (at <= across.max())

@@ -25,9 +25,9 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadLabFile
-from rigtwin.lab.file.lab_file import OUTSIDE, Experiment
+from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
-from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes
+from rigtwin.lab.input_files import LARGEST_NOTES, OUTSIDE, lies_outside, read_bytes
 from rigtwin.lab.materials import KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, PileSettings, RigSettings
 

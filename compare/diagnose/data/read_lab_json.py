@@ -26,8 +26,7 @@ from rigtwin.compare.diagnose.data.tracked_lab import (
 )
 from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadLabFile
-from rigtwin.lab.file.lab_file import OUTSIDE
-from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, unquoted, why_not_ordinary
+from rigtwin.lab.input_files import LARGEST_NOTES, OUTSIDE, lies_outside, read_bytes, unquoted, why_not_ordinary
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY

@@ -451,7 +451,7 @@ class Bulk:
     @property
     def _longest_step(self) -> float:
         """Largest displacement in a step [m]; with larger ones contacts would be missed and the energy diverge."""
-        return STEP_IN_RADII * min(min(particle.radii) for particle in self._particles)
+        return STEP_IN_RADII * min(particle.smallest_radius for particle in self._particles)
 
     def _check_walls_step(self, motion: Array) -> None:
         way = motion[:, WANDERS] * self.time_step
@@ -540,10 +540,12 @@ class Bulk:
         sizes = np.broadcast_to(np.asarray(scale, dtype=np.float64), (count,))
         if not ((sizes > 0) & (sizes <= 1 + 1e-12)).all():
             raise BadInput("scale: every particle must be above 0 and at most 1 times the size of its kind.")
-        if count and self.time_step > UNSTABLE * particle.rayleigh_time_step * sizes.min():
+        # the particle's own step is that of its smallest size
+        own = particle.rayleigh_time_step / particle.smallest_size * sizes.min(initial=1.0)
+        if self.time_step > UNSTABLE * own:
             raise BadInput(
                 f"scale: a particle of {sizes.min():.3g} times the size of its kind needs a step below "
-                f"{UNSTABLE:.0%} of its own Rayleigh step, {particle.rayleigh_time_step * sizes.min():.3g} s."
+                f"{UNSTABLE:.0%} of its own Rayleigh step, {own:.3g} s."
             )
         return sizes
 
@@ -563,7 +565,7 @@ class Bulk:
         if not inside.all():
             bad = int(np.argmin(inside))
             raise BadInput(f"bead {name[bad]} starts outside the domain, at {np.round(position[bad], 6).tolist()} m.")
-        tolerance = overlap * min(particle.radii)
+        tolerance = overlap * particle.smallest_radius
         for wall, row in zip(self._walls, self._table.motion, strict=False):
             if self.time >= row[UNTIL]:
                 continue

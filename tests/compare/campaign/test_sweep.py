@@ -17,7 +17,9 @@ from rigtwin.compare.deviation import over_views
 from rigtwin.compare.result_files import claimed
 from rigtwin.compare.twins.matched import twin_of
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import sized
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.size_distributions import uniform
 
 BED = ["--set", "cylinder_diameter=40mm", "--wall", "PMMA", "--count", "120"]
 
@@ -80,11 +82,14 @@ def test_a_scaled_particle_keeps_its_mass_and_its_shape():
 
 
 def test_another_diameter_keeps_the_ratio_of_the_smallest_particle_to_the_largest(bed):
-    mixed = replace(bed.experiment.particle, smallest=0.7 * bed.experiment.particle.diameter)
+    bead = bed.experiment.particle
+    mixed = sized(bead, uniform(0.7 * bead.diameter, bead.diameter))
     setting = bed._replace(experiment=replace(bed.experiment, particle=mixed))
-    for point in ({"diameter": 0.5 * mixed.diameter}, {"scale": 1.2}):
+    for point in ({"diameter": 0.5 * mixed.typical.diameter}, {"scale": 1.2}):
         after = at(setting, point).experiment.particle
-        assert after.smallest == pytest.approx(0.7 * after.diameter)
+        factor = point.get("scale", 0.5)
+        assert after.typical.diameter == pytest.approx(factor * mixed.typical.diameter)
+        assert after.sizes.smallest == pytest.approx(0.7 * after.diameter)
 
 
 @pytest.mark.parametrize(

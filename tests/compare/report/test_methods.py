@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 
 from rigtwin.compare.report.methods import methods
-from rigtwin.lab.materials import Particle
+from rigtwin.lab.materials import Particle, sized
 from rigtwin.lab.reference.bibliography import bibtex, cited, references
+from rigtwin.lab.size_distributions import uniform
 from rigtwin.lab.version import __version__
 from rigtwin.sim.effects import library
 
@@ -118,10 +119,12 @@ def test_names_of_the_lab_are_text_in_the_page(comparison):
 def test_sizes_and_clumps_are_in_words(comparison):
     whole = comparison()
     fall = whole.outcomes[0]
-    bead: Particle = replace(fall.experiment.particle, smallest=0.005)
-    sized = replace(fall, experiment=replace(fall.experiment, particle=bead))
-    text = methods(replace(whole, outcomes=(sized,)), VERSIONS).markdown
-    assert "sphere of 5 to 6.2 mm, uniformly distributed" in text
+    bead: Particle = sized(fall.experiment.particle, uniform(5e-3, 6.2e-3))
+    mixed = replace(fall, experiment=replace(fall.experiment, particle=bead))
+    text = methods(replace(whole, outcomes=(mixed,)), VERSIONS).markdown
+    median = ((5**4 + 6.2**4) / 2) ** (1 / 4)
+    assert f"spheres of different sizes (uniform from 5 mm to 6.2 mm; median by mass {median:.4g} mm)" in text
+    assert f"mean {1e3 * bead.mean_mass:.3g} g" in text
 
 
 def test_every_source_of_an_effect_with_a_year_is_in_the_bibliography():

@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+import trimesh
 
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, BadLabFile
@@ -415,7 +416,10 @@ def test_a_new_lab_has_every_rig_and_reads_once_its_media_are_there(tmp_path):
             lab.contact(a, b)  # complete: the twins can start
 
 
-EITHER_OR = ("scale", "known_length", "camera_roll", "plumb_line", "board", "density", "columns", "join")
+EITHER_OR = (
+    "scale", "known_length", "camera_roll", "plumb_line", "board", "density", "columns", "join", "spheres", "stl",
+    "size_distribution",
+)  # fmt: skip
 
 
 def test_every_commented_line_of_the_new_lab_is_valid_when_uncommented(tmp_path):
@@ -443,6 +447,23 @@ def test_every_line_of_the_new_lab_that_excludes_another_is_valid_by_itself(tmp_
     path = tmp_path / "lab.toml"
     path.write_text(re.sub(rf"^# (?={name} = )", "", path.read_text(), flags=re.M))
     assert read_lab(tmp_path).experiments[0].camera != Camera()
+
+
+SIZES = ["size_distribution"]
+
+
+@pytest.mark.parametrize("lines", [["spheres"], ["stl", "stl_unit", "stl_spheres"], ["stl", "stl_error"], SIZES])
+def test_the_shapes_of_a_particle_in_the_new_lab_are_valid_in_place_of_its_diameter(tmp_path, lines):
+    new_lab(tmp_path)
+    with_media(tmp_path)
+    trimesh.creation.icosphere(subdivisions=2, radius=3.0).export(tmp_path / "grain.stl")
+    path = tmp_path / "lab.toml"
+    text = re.sub(rf"^# (?=({'|'.join(lines)}) = )", "", path.read_text(), flags=re.M)
+    instead = "diameter|mass" if lines is SIZES else "diameter"
+    path.write_text(re.sub(rf"^({instead}) = .*\n", "", text, flags=re.M))
+    bead = read_lab(tmp_path).particles["bead6"]
+    assert (bead.sizes is None) == (lines is not SIZES)
+    assert (bead.shape is None) == (lines is SIZES)
 
 
 CAMERA_SAID_TWICE = {

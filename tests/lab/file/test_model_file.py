@@ -1,6 +1,7 @@
 """A model comes back from its file as it was written; materials and contacts refuse what cannot be."""
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given, settings
@@ -87,13 +88,16 @@ def test_a_thing_that_cannot_be_is_refused(wrong):
         wrong()
 
 
-def test_a_model_file_leaves_out_the_clumps_that_are_known_by_name_and_refuses_others(tmp_path):
+def test_a_model_file_leaves_out_the_clumps_that_are_known_by_name_and_holds_others(tmp_path):
     cube = hlosta2020.particle("C6_9s")
     write_model(tmp_path / "model.toml", Model(particles={"C6_9s": cube}))
     assert "C6_9s" not in read_model(tmp_path / "model.toml").particles
-    own = clumped("own", cube.material, cube.shape)
-    with pytest.raises(BadInput, match="own is a clump that no file can describe"):
-        write_model(tmp_path / "model.toml", Model(particles={"own": own}))
+    # the mass properties of a body from an STL file are not those of its spheres
+    body = replace(cube.shape, volume=1.1 * cube.shape.volume, gyration=(1e-6, 2e-6, 3e-6))
+    own = clumped("own", cube.material, body)
+    model = Model(materials={cube.material.name: cube.material}, particles={"own": own, "C6_9s": cube})
+    write_model(tmp_path / "model.toml", model)
+    assert read_model(tmp_path / "model.toml").particles == {"own": own}
 
 
 @pytest.mark.parametrize(("shear_modulus", "step"), [(1e6, 2.45e-4), (1e7, 7.77e-5), (1e8, 2.45e-5), (1e9, 7.74e-6)])

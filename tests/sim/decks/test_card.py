@@ -1,17 +1,23 @@
 """Export to other codes: the same torques and the same restitution in their conventions."""
 
+import csv
 import json
 import math
+import re
+import shutil
+import subprocess
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rigtwin.cli import run
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import Contact, Material, Particle, sized
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rolling_conventions import rolling_friction
+from rigtwin.lab.size_distributions import listed, sieved
 from rigtwin.sim.decks.card import export
 from rigtwin.sim.engine.contact import damping_ratio
 
@@ -85,9 +91,7 @@ def test_a_large_time_step_gives_a_warning():
     assert made.warnings[0] in made.text
 
 
-def test_clumps_low_restitution_and_unknown_codes_are_refused():
-    with pytest.raises(BadInput, match="clump"):
-        export("edem", hlosta2020.particle("C6_8s-a"), STEEL, AMONG, ON_STEEL)
+def test_low_restitution_and_unknown_codes_are_refused():
     with pytest.raises(BadInput, match="smallest that LIGGGHTS can reach"):
         export("liggghts", D6, STEEL, Contact(0.1), ON_STEEL)
     with pytest.raises(BadInput, match="unknown"):
@@ -103,4 +107,87 @@ def test_the_command_writes_a_file_and_json(tmp_path, capsys):
     assert run(["export", "edem"]) == 0
     assert "rolling friction 0.08" in capsys.readouterr().out
     assert run(["export", "edem", "--out", str(tmp_path)]) == 2
-    assert run(["export", "liggghts", "--particle", "C6"]) == 2
+    assert run(["export", "liggghts", "--particle", "P6x15"]) == 0
+    assert "particletemplate/multisphere" in capsys.readouterr().out
+
+
+def classes_of(text):
+    """Diameters and shares by mass of the classes of a CSV card."""
+    rows = [row for row in csv.DictReader(text.splitlines()) if row["kind"] == "size"]
+    return [(float(row["diameter_m"]), float(row["share_by_mass"])) for row in rows]
+
+
+def test_a_clump_is_exported_with_its_spheres_mass_and_moments():
+    cube = hlosta2020.particle("C6_8s-a")
+    rows = list(csv.DictReader(export("csv", cube, STEEL, AMONG, ON_STEEL).text.splitlines()))
+    spheres = [row for row in rows if row["kind"] == "sphere"]
+    places = [tuple(float(row[f"{axis}_m"]) for axis in "xyz") for row in spheres]
+    assert np.array(places) == pytest.approx(np.array(cube.shape.offsets), abs=1e-12)
+    assert [float(row["diameter_m"]) / 2 for row in spheres] == pytest.approx(cube.radii)
+    assert float(rows[0]["mass_kg"]) == pytest.approx(cube.mass)
+    text = export("edem", cube, STEEL, AMONG, ON_STEEL).text
+    assert "sphere 8: x " in text
+    assert f"mass {cube.mass:.6g} kg" in text
+    said = export("liggghts", cube, STEEL, AMONG, ON_STEEL).to_json()["particle"]
+    assert said["moments_kg_m2"] == pytest.approx(cube.moments)
+    assert len(said["spheres_m"]) == 8
+
+
+def test_sizes_are_exported_as_classes_with_their_share_of_the_mass():
+    few = sized(D6, listed([4e-3, 6e-3], [0.3, 0.7]))
+    assert classes_of(export("csv", few, STEEL, AMONG, ON_STEEL).text) == [(4e-3, 0.3), (6e-3, pytest.approx(0.7))]
+    many = classes_of(export("csv", sized(D6, sieved([2e-3, 4e-3, 8e-3], [2, 8])), STEEL, AMONG, ON_STEEL).text)
+    assert len(many) == 10
+    assert sum(share for _, share in many) == pytest.approx(1)
+    assert sum(share for diameter, share in many if diameter < 4e-3) == pytest.approx(0.2, abs=0.05)
+    assert "70 % of the mass" in export("edem", few, STEEL, AMONG, ON_STEEL).text
+
+
+THROWN = """{soft}atom_style granular
+atom_modify map array
+boundary f f f
+newton off
+communicate single vel yes
+units si
+region box block 0 0.06 0 0.06 0 0.06 units box
+create_box 2 box
+neighbor 0.002 bin
+neigh_modify delay 0
+include card.in
+region inside block 0.005 0.055 0.005 0.055 0.005 0.055 units box
+fix throw all insert/pack seed 32452843 distributiontemplate sizes maxattempt 1000 insert_every once &
+  overlapcheck yes orientation random all_in yes vel constant 0 0 -0.3 region inside particles_in_region 40
+fix move all {move}
+compute mass all property/atom mass
+compute whole all reduce sum c_mass
+thermo_style custom step atoms c_whole
+run 1
+print "found $(atoms) $(c_whole)"
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("liggghts") is None, reason="LIGGGHTS is not installed")
+@pytest.mark.parametrize("which", ["clump", "sizes", "clump in sizes"])
+def test_liggghts_takes_the_particles_of_its_card(which, tmp_path):
+    cube = hlosta2020.particle("C6_8s-a")
+    two = listed([3e-3, 5e-3], [0.3, 0.7], by="number")
+    bead = {"clump": cube, "sizes": sized(D6, two), "clump in sizes": sized(cube, two)}[which]
+    made = export("liggghts", bead, STEEL, AMONG, ON_STEEL)
+    (tmp_path / "card.in").write_text(made.text)
+    soft = "".join(
+        line.removeprefix("# required before atom_style: ") + "\n"
+        for line in made.text.splitlines()
+        if line.startswith("# required before atom_style")
+    )
+    move = "nve/sphere" if bead.shape is None else "multisphere"
+    (tmp_path / "in.thrown").write_text(THROWN.format(soft=soft, move=move))
+    done = subprocess.run(["liggghts", "-in", "in.thrown"], cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-1500:]
+    assert (tmp_path / "log.liggghts").read_text().count("ERROR") == 0
+    inserted = re.search(r"inserted\s+(\d+) particle templates \(mass ([\d.e+-]+)\)", done.stdout)
+    assert inserted, done.stdout[-1500:]
+    count, mass = int(inserted[1]), float(inserted[2])
+    assert count == 40
+    # sizes are drawn at random there: four standard deviations of the mean of forty
+    assert mass == pytest.approx(40 * bead.mean_mass, rel=0.35 if bead.sizes else 0.01)
