@@ -78,8 +78,8 @@ def _of_numbers(found: BulkDiagnosis) -> Iterator[str]:
     measured = sum(len(one.names) for one in found.responses)
     yield (
         f"{measured} measured numbers of {_number(len(found.responses), 'condition')} were compared with {found.runs} "
-        f"discrete-element simulations in rigtwin [@{SOFTWARE}] about the stated setting, from which each number is "
-        "known as a function of parameters, of uncertain settings and of each effect."
+        f"discrete-element simulations in rigtwin [@{SOFTWARE}] about the stated setting. To these runs "
+        "a response surface of each number over parameters, uncertain settings and effects was fitted."
     )
     yield (
         f"{len(found.naming.tried)} sets of effects were fitted beside the baseline. A first effect needs a decrease "

@@ -7,8 +7,6 @@ from typing import Any
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
-from rigtwin.compare.diagnose.diagnosis_methods import LIBRARIES, methods
-from rigtwin.compare.diagnose.figures import figures
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.selection.gap import Gap, closed
@@ -16,14 +14,13 @@ from rigtwin.compare.diagnose.selection.name_effects import ALARM
 from rigtwin.compare.report.drawn import Drawn
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
-from rigtwin.compare.result_files import versions
 from rigtwin.lab.formatting import unit_of
 
 
-def page(diagnosis: Diagnosis, drawn: Mapping[str, Drawn] | None = None, text: Methods | None = None) -> str:
-    """The HTML text of the whole page; its figures and its methods text are made unless they are given."""
+def page(diagnosis: Diagnosis, drawn: Mapping[str, Drawn], text: Methods) -> str:
+    """The HTML text of the whole page, with its figures and its methods text."""
     naming, document = diagnosis.naming, diagnosis.to_json()
-    plots = list((figures(diagnosis) if drawn is None else drawn).values())
+    plots = list(drawn.values())
     return filled(
         "diagnosis.html",
         title=diagnosis.lab.title,
@@ -50,7 +47,7 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, Drawn] | None = None, text: M
         overview=plots[1:][-1:],
         tried=len(naming.tried) if naming is not None else 0,
         first_gain=f"{ALARM:g}",
-        methods=methods(diagnosis, versions(LIBRARIES)) if text is None else text,
+        methods=text,
         seconds=diagnosis.seconds,
     )
 

@@ -58,13 +58,20 @@ EVERY = [(page, line) for page in PAGES for line in dict.fromkeys(commands(page)
 
 
 @pytest.mark.parametrize(("page", "line"), EVERY, ids=[f"{p.name}: {c[:60]}" for p, c in EVERY])
-def test_a_command_in_the_documentation_exists_with_its_options(page: Path, line: str) -> None:
+def test_a_command_in_the_documentation_exists_with_its_options(
+    page: Path, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "my-lab").mkdir()
+    monkeypatch.chdir(tmp_path)
     words = shlex.split(line, comments=True)[1:]
     command: Any = typer.main.get_command(app)
     name, around = "rigtwin", None
-    while hasattr(command, "commands") and words and not words[0].startswith("-"):
-        around = typer.Context(command, parent=around, info_name=name)
-        name, command, words = command.resolve_command(around, words)  # raises where there is no such command
+    while hasattr(command, "commands"):  # a group of commands, which may take its first one where none is named
+        around = command.make_context(name, words, parent=around)
+        left = [*around._protected_args, *around.args]
+        if not left:
+            return  # a group that does something without a command, and its own options were read
+        name, command, words = command.resolve_command(around, left)  # raises where there is no such command
     command.make_context(name, words, parent=around)  # raises where an option or an argument is unknown or missing
 
 

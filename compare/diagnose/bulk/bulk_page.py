@@ -8,7 +8,6 @@ import numpy as np
 
 from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, parameters_of
 from rigtwin.compare.diagnose.bulk.naming import ALARM, BulkCandidate
-from rigtwin.compare.diagnose.diagnosis_methods import LIBRARIES, bulk_methods
 from rigtwin.compare.diagnose.figures import BEFORE, NOISE
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.page import gap_rows, parameters_in_words
@@ -16,12 +15,11 @@ from rigtwin.compare.report.drawn import Drawn, drawn
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.report.plot_style import TWIN, canvas
-from rigtwin.compare.result_files import versions
 from rigtwin.lab.formatting import unit_of
 
 
-def bulk_page(found: BulkDiagnosis, drawn_before: Drawn | None = None, text: Methods | None = None) -> str:
-    """The HTML text of the whole page; its figure and its methods text are made unless they are given."""
+def bulk_page(found: BulkDiagnosis, figure: Drawn, text: Methods) -> str:
+    """The HTML text of the whole page, with its figure and its methods text."""
     document = found.to_json()
     return filled(
         "diagnosis.html",
@@ -44,12 +42,12 @@ def bulk_page(found: BulkDiagnosis, drawn_before: Drawn | None = None, text: Met
         calibration=sorted(document["calibration"], key=lambda row: -abs(row["pull"] or 0.0)),
         strained=strained.in_words(document["strained"]),
         far=[row["name"] for row in document["strained"]],
-        leading=[drawn_before or bulk_figure(found)],
+        leading=[figure],
         further=[],
         overview=[],
         tried=len(found.naming.tried),
         first_gain=f"{ALARM:g}",
-        methods=bulk_methods(found, versions(LIBRARIES)) if text is None else text,
+        methods=text,
         seconds=found.seconds,
     )
 

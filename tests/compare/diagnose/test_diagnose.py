@@ -27,6 +27,7 @@ from rigtwin.compare.diagnose.selection.gap import beside, gap
 from rigtwin.compare.diagnose.selection.locate import holm, locate
 from rigtwin.compare.diagnose.selection.name_effects import Naming
 from rigtwin.compare.diagnose.selection.next_experiment import Setting, designs, separation
+from rigtwin.compare.report.methods_text import Methods
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import Model, read_model, write_model
 from rigtwin.lab.progress import silent
@@ -288,8 +289,9 @@ def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
     write_model(tmp_path / "model.toml", model_of(dragged))
     read = read_model(tmp_path / "model.toml")
     assert read.effects["air_drag"]["drag_coefficient"] == pytest.approx(0.5, abs=0.05)
-    assert "air drag" in page(dragged)
-    assert dragged.stability.in_words() in page(dragged)
+    html = page(dragged, {}, Methods(()))
+    assert "air drag" in html
+    assert dragged.stability.in_words() in html
 
 
 def test_a_model_file_lists_the_assumed_properties(tmp_path):

@@ -15,6 +15,7 @@ from rigtwin.compare.diagnose.diagnosis import diagnose
 from rigtwin.compare.diagnose.figures import figures
 from rigtwin.compare.diagnose.fitting.strained import STRAINED, in_words
 from rigtwin.compare.diagnose.page import page
+from rigtwin.compare.report.methods_text import Methods
 from rigtwin.sim.effects import named
 
 G, LENGTH, NOISE, MASS = 9.81, 0.25, 1e-4, 2e-4  # SI
@@ -95,7 +96,7 @@ def test_a_scale_off_by_twenty_stated_uncertainties_is_reported_first_of_all(tmp
     assert abs(scale["pull"]) == pytest.approx(20, abs=3)
     assert scale["stated_std"] == 0.002
     assert all(STRAINED < abs(one["pull"]) <= abs(scale["pull"]) for one in others)
-    html = page(found)
+    html = page(found, figures(found), Methods(()))
     assert 0 < html.index("scale_error.relative by") < html.index("<table>")
     assert "no calibration but a disagreement" in in_words(found.to_json()["strained"])
 
