@@ -50,7 +50,7 @@ from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from rigtwin.compare.report.drawn import Drawn
+    from rigtwin.compare.report.figure_file import FigureFile
     from rigtwin.sim.engine.contact import Rolling
 
 
@@ -341,7 +341,7 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
     return rows
 
 
-def provenance(comparison: Comparison, figures: Sequence[Drawn] = ()) -> dict[str, Any]:
+def provenance(comparison: Comparison, figures: Sequence[FigureFile] = ()) -> dict[str, Any]:
     """Content of provenance.json: versions, inputs with checksums, model, twins, cameras and figures."""
     lab = comparison.lab
     media = [view for outcome in comparison.outcomes for views in outcome.experiment.repetitions for view in views]
@@ -370,7 +370,7 @@ def provenance(comparison: Comparison, figures: Sequence[Drawn] = ()) -> dict[st
 
 
 def _written(comparison: Comparison, out: Path, clock: float, progress: Progress) -> Comparison:
-    from rigtwin.compare.report.drawn import figure_files
+    from rigtwin.compare.report.figure_file import figure_files
     from rigtwin.compare.report.methods import methods
     from rigtwin.compare.report.page import drawn_figures, report
 

@@ -34,7 +34,7 @@ from rigtwin.compare.campaign.vary import (
 )
 from rigtwin.compare.deviation import Deviation, deviations, is_result
 from rigtwin.compare.measure_repetitions import Measured, measuring
-from rigtwin.compare.report.drawn import figure_files
+from rigtwin.compare.report.figure_file import figure_files
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.twins.matched import as_seen
 from rigtwin.compare.twins.registry import entry_of

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.report.drawn import Drawn, drawn
+from rigtwin.compare.report.figure_file import FigureFile, figure_file
 from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas
 from rigtwin.lab.formatting import title
 
@@ -17,12 +17,12 @@ MOST_SAMPLES = 600  # drawn of the posterior
 DARK = 0.5  # share from which text on a field is white
 
 
-def figures(found: Calibration) -> dict[str, Drawn]:
+def figures(found: Calibration) -> dict[str, FigureFile]:
     """Figures by name: ``screening``, ``posterior``, ``predictions``."""
     return {"screening": _screening(found), "posterior": _posterior(found), "predictions": _predictions(found)}
 
 
-def _screening(found: Calibration) -> Drawn:
+def _screening(found: Calibration) -> FigureFile:
     """A field for each quantity and parameter: the share of the quantity's variance that the parameter causes alone."""
     label = "Share of the variance of each quantity that a parameter causes alone"
     shares = found.sensitivities
@@ -43,10 +43,10 @@ def _screening(found: Calibration) -> Drawn:
             }
             for target, row in zip(found.targets, shares, strict=True)
         ]  # fmt: skip
-        return drawn(figure, "calibration-screening", label, table)
+        return figure_file(figure, "calibration-screening", label, table)
 
 
-def _posterior(found: Calibration) -> Drawn:
+def _posterior(found: Calibration) -> FigureFile:
     """Each parameter's density on the diagonal, each pair's samples below it."""
     number, names = len(found.parameters), [one.name for one in found.parameters]
     step = max(1, len(found.samples) // MOST_SAMPLES)
@@ -75,7 +75,7 @@ def _posterior(found: Calibration) -> Drawn:
             if j == 0 and i > 0:
                 panel.set_ylabel(down.name.replace("_", " "))
         table = [dict(zip(names, row, strict=True)) for row in found.samples[::step].tolist()]
-        return drawn(
+        return figure_file(
             figure,
             "calibration-posterior",
             "Posterior of the parameters over their ranges",
@@ -86,7 +86,7 @@ def _posterior(found: Calibration) -> Drawn:
         )
 
 
-def _predictions(found: Calibration) -> Drawn:
+def _predictions(found: Calibration) -> FigureFile:
     """Deviation of the best set from each measurement, in standard deviations."""
     rows: list[dict[str, Any]] = [row for row in found.predictions if row["z"] is not None]
     label = "Predicted minus measured, in standard deviations"
@@ -102,4 +102,4 @@ def _predictions(found: Calibration) -> Drawn:
         axes.set_xlabel(label.lower())
         columns = ("experiment", "quantity", "method", "unit", "measured", "predicted", "z", "held_out")
         caption = f"{label}; the band is two standard deviations wide on each side, open circles are held out."
-        return drawn(figure, "calibration-predictions", label, rows, columns, caption)
+        return figure_file(figure, "calibration-predictions", label, rows, columns, caption)

@@ -29,7 +29,7 @@ from rigtwin.compare.campaign.vary import (
 )
 from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
 from rigtwin.compare.measure_repetitions import measuring
-from rigtwin.compare.report.drawn import figure_files
+from rigtwin.compare.report.figure_file import figure_files
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.report.drawn import Drawn, column, different, drawn, slug
+from rigtwin.compare.report.figure_file import FigureFile, column_name, figure_file, slug, unique_names
 from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas
 from rigtwin.lab.formatting import shown, siblings, title
 
@@ -22,7 +22,7 @@ DRAWN = ("simulated", "simulated_std", "measured", "measured_std_uncertainty")
 DARK = 0.55  # [1], relative brightness of a colour below which text on it is white
 
 
-def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dict[str, Drawn]:
+def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dict[str, FigureFile]:
     """Figures by name, one for each quantity, method, and bounce, collision, body or side.
 
     Parameters
@@ -36,7 +36,7 @@ def figures(varied: Sequence[Varied], rows: Sequence[Row], *, grid: bool) -> dic
 
     Returns
     -------
-    dict of str to Drawn
+    dict of str to FigureFile
         With one parameter a line; with two in a grid a heat map, on which a line marks where simulated and measured are
         equal and dashed lines two standard uncertainties around it; else points over each parameter.
     """
@@ -60,14 +60,14 @@ def _names(heads: Sequence[Sequence[str]]) -> list[str]:
     for parts in (3, 4):
         often = Counter(names)
         names = [_slug(head[:parts]) if often[name] > 1 else name for head, name in zip(heads, names, strict=True)]
-    return list(different(names))
+    return list(unique_names(names))
 
 
 def _slug(words: Sequence[str]) -> str:
     return slug(re.sub(r"[^a-z0-9]+", "-", "-".join(words).lower()))
 
 
-def _lines(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str, unit: str) -> Drawn:
+def _lines(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str, unit: str) -> FigureFile:
     factor, sign = shown(unit)
     with canvas() as (figure, _):
         figure.clear()
@@ -84,14 +84,14 @@ def _lines(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str,
             panel.set(xlabel=_axis(parameter))
         panels[0].set(ylabel=_with_unit(label, sign))
         panels[0].legend(loc="best")
-        return drawn(figure, name, label, *_numbers(varied, rows, unit))
+        return figure_file(figure, name, label, *_numbers(varied, rows, unit))
 
 
 def _numbers(varied: Sequence[Varied], rows: Sequence[Row], unit: str) -> tuple[list[dict[str, Any]], list[str]]:
     """The numbers of a figure as they are drawn, and their columns."""
     factor, sign = shown(unit)
-    columns = [column(_axis(one)) for one in varied]
-    values = [column(_with_unit(name.replace("_", " "), sign)) for name in DRAWN]
+    columns = [column_name(_axis(one)) for one in varied]
+    values = [column_name(_with_unit(name.replace("_", " "), sign)) for name in DRAWN]
     table = [
         {
             **{head: shown(one.unit)[0] * row[one.name] for head, one in zip(columns, varied, strict=True)},
@@ -120,7 +120,7 @@ def _measured(rows: Sequence[Row]) -> tuple[float | None, float]:
     return (known[0]["measured"], known[0]["measured_std_uncertainty"] or 0.0) if known else (None, 0.0)
 
 
-def _map(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str, unit: str) -> Drawn:
+def _map(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str, unit: str) -> FigureFile:
     """A heat map of the simulated values; the first parameter runs downwards, as in tables 4 to 6 of the paper."""
     down, across = varied
     factor, sign = shown(unit)
@@ -146,7 +146,7 @@ def _map(varied: Sequence[Varied], rows: Sequence[Row], name: str, label: str, u
         axes.set_xticks(range(len(across.grid)), _ticks(across))
         axes.set_yticks(range(len(down.grid)), _ticks(down))
         figure.colorbar(picture, label=_with_unit(label, sign))
-        return drawn(figure, name, label, *_numbers(varied, rows, unit))
+        return figure_file(figure, name, label, *_numbers(varied, rows, unit))
 
 
 def _axis(parameter: Varied) -> str:

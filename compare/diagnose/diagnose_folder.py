@@ -19,7 +19,7 @@ from rigtwin.compare.diagnose.diagnosis_methods import LIBRARIES, bulk_methods, 
 from rigtwin.compare.diagnose.figures import figures
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.page import page
-from rigtwin.compare.report.drawn import figure_files
+from rigtwin.compare.report.figure_file import figure_files
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import Model, model_text
 from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, pair

@@ -17,7 +17,7 @@ from rigtwin.compare.diagnose.models.pendulum import PendulumBench
 from rigtwin.compare.diagnose.models.rows import coefficients
 from rigtwin.compare.diagnose.models.slide import SlideBench
 from rigtwin.compare.diagnose.selection.gap import names
-from rigtwin.compare.report.drawn import Drawn, drawn
+from rigtwin.compare.report.figure_file import FigureFile, figure_file
 from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, thin
 from rigtwin.lab.arrays import Array
 
@@ -36,7 +36,7 @@ NEAR_TURN = 0.9  # share of the amplitude above which rows belong to a turning p
 SETTLED = 60  # steps of the fixed-point iteration for the impact speed, which converges within ten
 
 
-def figures(diagnosis: Diagnosis) -> dict[str, Drawn]:
+def figures(diagnosis: Diagnosis) -> dict[str, FigureFile]:
     """Figures by name, the leading one first; none where nothing was fitted.
 
     ``residual``: measurement and twin over time in the condition and coordinate in which the twin before is worst.
@@ -89,7 +89,7 @@ class _Means:
     width: float  # [s], of a bin
 
 
-def _residual(diagnosis: Diagnosis) -> tuple[Drawn, bool]:
+def _residual(diagnosis: Diagnosis) -> tuple[FigureFile, bool]:
     """The figure, and whether the twin before misses the measurement by more than noise anywhere in it."""
     bench, before, after = _fits(diagnosis)
     views = _views(bench)
@@ -127,7 +127,7 @@ def _residual(diagnosis: Diagnosis) -> tuple[Drawn, bool]:
         apart.set_title(f"difference from the twin before: mean of {_repetitions(view)}", fontsize=9, loc="left")
         figure.legend(*apart.get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
         caption = _residual_caption(diagnosis, bench, view, mean)
-        return drawn(figure, "diagnosis-residual", label, *_residual_rows(mean), caption), excess[worst] > SEEN
+        return figure_file(figure, "diagnosis-residual", label, *_residual_rows(mean), caption), excess[worst] > SEEN
 
 
 def _residual_caption(diagnosis: Diagnosis, bench: Any, view: _View, mean: _Means) -> str:
@@ -219,7 +219,7 @@ def _repetitions(view: _View) -> str:
 # ------------------------------------------------------------------------------------------------------- restitution
 
 
-def _restitution(diagnosis: Diagnosis) -> Drawn:
+def _restitution(diagnosis: Diagnosis) -> FigureFile:
     """Restitution against impact speed: impacts, their means for each condition and impact, and the contact law."""
     bench, before, after = _fits(diagnosis)
     fits = [("twin before", before, "--", BEFORE)]
@@ -257,7 +257,7 @@ def _restitution(diagnosis: Diagnosis) -> Drawn:
         handles = panels[0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", fontsize=8, ncols=len(handles[1]))
         columns = ("pair", "condition", "impact", "speed_m_s", "restitution", "std")
-        return drawn(figure, "diagnosis-restitution", label, rows, columns, caption)
+        return figure_file(figure, "diagnosis-restitution", label, rows, columns, caption)
 
 
 def _by_impacts(bench: DropBench) -> list[int]:
@@ -318,7 +318,7 @@ def _groups(bench: DropBench, pair: int, speed: Array, e: Array) -> Iterator[dic
 # ----------------------------------------------------------------------------------------------------------- contact
 
 
-def _contact(diagnosis: Diagnosis) -> Drawn:
+def _contact(diagnosis: Diagnosis) -> FigureFile:
     """Deviations of the friction or restitution of single repetitions from the contact law, by condition."""
     bench, before, after = _fits(diagnosis)
     what = "restitution" if hasattr(bench, "impacts") else "friction"
@@ -352,7 +352,7 @@ def _contact(diagnosis: Diagnosis) -> Drawn:
         figure.legend(loc="outside lower center", fontsize=8, ncols=2)
         label = f"Deviations of the {what} from the contact law in each condition"
         columns = ("twin", "condition", "mean", "std", "number")
-        return drawn(figure, "diagnosis-contact", label, rows, columns, caption)
+        return figure_file(figure, "diagnosis-contact", label, rows, columns, caption)
 
 
 def _deviations(bench: Any, fitted: Fit, condition: int) -> Array:
@@ -370,7 +370,7 @@ def _std(own: Array) -> float:
 # --------------------------------------------------------------------------------------------------------- amplitude
 
 
-def _amplitude(diagnosis: Diagnosis) -> Drawn:
+def _amplitude(diagnosis: Diagnosis) -> FigureFile:
     """Amplitude of the swings over time in the condition with the worst amplitudes, and its difference."""
     bench, before, after = _fits(diagnosis)
     series = [_turning_points(bench, condition, before, after) for condition in range(len(bench.condition_names))]
@@ -401,7 +401,7 @@ def _amplitude(diagnosis: Diagnosis) -> Drawn:
         whole.set(ylabel="amplitude [deg]")
         apart.set(xlabel="time since the release [s]", ylabel="less twin before [deg]")
         whole.legend(fontsize=8)
-        return drawn(figure, "diagnosis-amplitude", label, *_table(columns), caption)
+        return figure_file(figure, "diagnosis-amplitude", label, *_table(columns), caption)
 
 
 def _turning_points(
@@ -449,7 +449,7 @@ def _angle(place: Array) -> Array:
 # ---------------------------------------------------------------------------------------------------------- overview
 
 
-def _overview(diagnosis: Diagnosis) -> Drawn:
+def _overview(diagnosis: Diagnosis) -> FigureFile:
     """Mean residual over repetitions against time, before and after, one panel per condition and coordinate."""
     bench, before, after = _fits(diagnosis)
     order = {one.experiment: rank for rank, one in reversed(list(enumerate(diagnosis.where)))}
@@ -483,7 +483,7 @@ def _overview(diagnosis: Diagnosis) -> Drawn:
         panels[0, 0].legend(fontsize=7)
         label = "Mean residuals over time of each condition, before and after the effect is added"
         columns = ("condition", "axis", "twin", "time_s", "mean_residual_standard_errors")
-        return drawn(figure, "diagnosis-overview", label, rows, columns, caption)
+        return figure_file(figure, "diagnosis-overview", label, rows, columns, caption)
 
 
 def _slices(bench: Any, fitted: Fit, condition: int, axis: int) -> tuple[Array, Array]:

@@ -11,13 +11,13 @@ from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
 from rigtwin.compare.diagnose.selection.gap import Gap, closed
 from rigtwin.compare.diagnose.selection.name_effects import ALARM
-from rigtwin.compare.report.drawn import Drawn
+from rigtwin.compare.report.figure_file import FigureFile
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.lab.formatting import unit_of
 
 
-def page(diagnosis: Diagnosis, drawn: Mapping[str, Drawn], text: Methods) -> str:
+def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -> str:
     """The HTML text of the whole page, with its figures and its methods text."""
     naming, document = diagnosis.naming, diagnosis.to_json()
     plots = list(drawn.values())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rigtwin.compare.report.drawn import Drawn, column, drawn
+from rigtwin.compare.report.figure_file import FigureFile, column_name, figure_file
 from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, thin
 from rigtwin.lab.formatting import siblings, title
 
@@ -22,14 +22,14 @@ TONES = {"good": "#1c7a4d", "bad": "#b3471d", "doubtful": "#8a6400", "plain": "#
 DRAWN_ROWS = ("experiment", "quantity", "method", "deviation_percent", "low_95_percent", "high_95_percent", "verdict")
 
 
-def overlay_figure(overlay: Overlay, name: str, caption: str) -> Drawn:
+def overlay_figure(overlay: Overlay, name: str, caption: str) -> FigureFile:
     """Measured and simulated curves on common axes, single curves faint, their means strong."""
     low, high = overlay.span
     tall = 3.2
     if overlay.to_scale:
         heights = [float(np.nanmax(curve.y) - min(np.nanmin(curve.y), 0.0)) for curve in _drawn(overlay)]
         tall = 0.9 + 6.5 * min(max(heights) / (high - low), 1.0)
-    columns = ("side", "curve", column(overlay.x_label), column(overlay.y_label))
+    columns = ("side", "curve", column_name(overlay.x_label), column_name(overlay.y_label))
     rows: list[dict[str, Any]] = []
     with canvas(tall) as (figure, axes):
         for curves, colour, side in (
@@ -52,7 +52,7 @@ def overlay_figure(overlay: Overlay, name: str, caption: str) -> Drawn:
             axes.set_aspect("equal")
         axes.legend(loc="best")
         label = f"{overlay.what.capitalize()}, measured and simulated"
-        return drawn(figure, name, label, rows, columns, caption)
+        return figure_file(figure, name, label, rows, columns, caption)
 
 
 def _points(columns: Sequence[str], side: str, curve: str, x: Any, y: Any) -> Iterator[dict[str, Any]]:
@@ -80,7 +80,7 @@ def half_interval(row: Deviation) -> float:
     return (row.coverage_factor or 1.96) * row.percent_deviation_std
 
 
-def deviations_figure(rows: Sequence[Deviation], widest: float) -> Drawn | None:
+def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | None:
     """Percent deviations with their 95 % intervals, on an axis to `widest` [%]; None where nothing is compared."""
     shown = [(row, row.percent_deviation) for row in rows if row.percent_deviation is not None]
     shown = [(row, deviation) for row, deviation in shown if row.percent_deviation_std is not None]
@@ -96,7 +96,7 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> Drawn | None:
         axes.set_yticks(range(len(shown)), names, fontsize=8)
         axes.set_ylim(len(shown) - 0.5, -0.5)
         axes.set_xlabel("deviation of the twin from the measurement / %")
-        return drawn(
+        return figure_file(
             figure,
             "deviations",
             "Percent deviations of the twins from the measurements",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.deviation import Deviation, headlines, primary_first
 from rigtwin.compare.report import figures
-from rigtwin.compare.report.drawn import Drawn, different, slug
+from rigtwin.compare.report.figure_file import FigureFile, slug, unique_names
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods import methods
 from rigtwin.compare.report.methods_text import Methods
@@ -77,11 +77,11 @@ class CheckLine:
         return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
 
 
-def drawn_figures(comparison: Comparison) -> dict[str, list[Drawn]]:
+def drawn_figures(comparison: Comparison) -> dict[str, list[FigureFile]]:
     """All figures of the page, by name of their experiment; that of all deviations under an empty name."""
     rows = headlines(comparison.deviations)
     found = {"": [one] if (one := figures.deviations_figure(rows, _widest(rows))) is not None else []}
-    names = different(
+    names = unique_names(
         slug(f"{outcome.experiment.id}-{overlay.what}") for outcome in comparison.outcomes for overlay in outcome.shapes
     )
     for outcome in comparison.outcomes:
@@ -95,7 +95,7 @@ def report(
     comparison: Comparison,
     provenance: Mapping[str, Any],
     out: Path,
-    drawn: Mapping[str, Sequence[Drawn]] | None = None,
+    drawn: Mapping[str, Sequence[FigureFile]] | None = None,
     text: Methods | None = None,
 ) -> str:
     """The text of the page; `provenance` is the content of provenance.json, `out` the folder of the page.
@@ -120,7 +120,7 @@ def report(
     )
 
 
-def _section(outcome: Outcome, out: Path, drawn: Sequence[Drawn]) -> dict[str, Any]:
+def _section(outcome: Outcome, out: Path, drawn: Sequence[FigureFile]) -> dict[str, Any]:
     experiment = outcome.experiment
     wall = f" on {experiment.wall.name}" if experiment.wall is not None else ""
     stills, more = _stills(outcome.measurements)

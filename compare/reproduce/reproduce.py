@@ -13,7 +13,7 @@ from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.run import Done
 from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.campaign.store import LEDGER
-from rigtwin.compare.report.drawn import Drawn, figure_files
+from rigtwin.compare.report.figure_file import FigureFile, figure_files
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.reproduce import paper_runs
 from rigtwin.compare.reproduce.studies import Points, Study, check_studies, studies
@@ -293,7 +293,7 @@ def _shown(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]]]
                 yield f"study {study}", (reading, place, law)
 
 
-def drawn_figures(reproduction: Reproduction) -> dict[tuple[str, Rolling], Drawn]:
+def drawn_figures(reproduction: Reproduction) -> dict[tuple[str, Rolling], FigureFile]:
     """The figure of each study that has points, by its name and rolling law."""
     from rigtwin.compare.reproduce.figures import study_figure
 
@@ -304,7 +304,7 @@ def drawn_figures(reproduction: Reproduction) -> dict[tuple[str, Rolling], Drawn
 def page(
     reproduction: Reproduction,
     template: str = "reproduction.html",
-    figures: Mapping[tuple[str, Rolling], Drawn] | None = None,
+    figures: Mapping[tuple[str, Rolling], FigureFile] | None = None,
 ) -> str:
     """The report as one HTML page, or as Markdown; its figures are drawn unless they are given."""
     figures = drawn_figures(reproduction) if figures is None else figures

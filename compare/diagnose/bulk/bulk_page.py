@@ -11,14 +11,14 @@ from rigtwin.compare.diagnose.bulk.naming import ALARM, BulkCandidate
 from rigtwin.compare.diagnose.figures import BEFORE, NOISE
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.page import gap_rows, parameters_in_words
-from rigtwin.compare.report.drawn import Drawn, drawn
+from rigtwin.compare.report.figure_file import FigureFile, figure_file
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.report.plot_style import TWIN, canvas
 from rigtwin.lab.formatting import unit_of
 
 
-def bulk_page(found: BulkDiagnosis, figure: Drawn, text: Methods) -> str:
+def bulk_page(found: BulkDiagnosis, figure: FigureFile, text: Methods) -> str:
     """The HTML text of the whole page, with its figure and its methods text."""
     document = found.to_json()
     return filled(
@@ -52,7 +52,7 @@ def bulk_page(found: BulkDiagnosis, figure: Drawn, text: Methods) -> str:
     )
 
 
-def bulk_figure(found: BulkDiagnosis) -> Drawn:
+def bulk_figure(found: BulkDiagnosis) -> FigureFile:
     """Deviation of each measured number over its uncertainty, before and after, one panel for each condition."""
     columns = ("condition", "quantity", "twin", "deviation_standard_uncertainties")
     rows: list[dict[str, Any]] = []
@@ -80,7 +80,7 @@ def bulk_figure(found: BulkDiagnosis) -> Drawn:
         panels[0].legend(fontsize=7)
         label = "Deviation of each measured number over its uncertainty, before and after the effect is added"
         caption = f"{label}; the band is two standard uncertainties wide on each side."
-        return drawn(figure, "diagnosis-numbers", label, rows, columns, caption)
+        return figure_file(figure, "diagnosis-numbers", label, rows, columns, caption)
 
 
 def _row(candidate: BulkCandidate) -> dict[str, str]:

@@ -25,7 +25,7 @@ _UNITS = {"°": "deg", "%": "percent"}
 
 
 @dataclass(frozen=True)
-class Drawn:
+class FigureFile:
     """One figure."""
 
     name: str
@@ -52,14 +52,14 @@ class Drawn:
         return {kind: f"{FIGURES}/{self.name}.{kind.lower()}" for kind in ("SVG", "PNG", "CSV")}
 
 
-def drawn(
+def figure_file(
     figure: Figure,
     name: str,
     label: str,
     rows: Sequence[Mapping[str, Any]],
     columns: Sequence[str] = (),
     caption: str = "",
-) -> Drawn:
+) -> FigureFile:
     """A figure in the style of `plot_style.canvas`, whose context still holds.
 
     Parameters
@@ -79,7 +79,7 @@ def drawn(
 
     Returns
     -------
-    Drawn
+    FigureFile
         Drawing, bitmap and table.
     """
     drawing, bitmap = io.StringIO(), io.BytesIO()
@@ -89,17 +89,17 @@ def drawn(
         bitmap, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": PACKED}
     )  # fmt: skip
     head = columns or (tuple(rows[0]) if rows else ())
-    return Drawn(name, drawing.getvalue(), bitmap.getvalue(), table(rows, head), caption or label, label)
+    return FigureFile(name, drawing.getvalue(), bitmap.getvalue(), table(rows, head), caption or label, label)
 
 
-def figure_files(page: str, figures: Iterable[Drawn]) -> dict[str, str | bytes]:
+def figure_files(page: str, figures: Iterable[FigureFile]) -> dict[str, str | bytes]:
     """The files of all figures of a page by name, for `result_files.write_together`.
 
     Parameters
     ----------
     page : str
         Name of the page or of its command; the figures of another page in the same folder are left alone.
-    figures : iterable of Drawn
+    figures : iterable of FigureFile
         Figures with different names.
 
     Returns
@@ -115,11 +115,11 @@ def figure_files(page: str, figures: Iterable[Drawn]) -> dict[str, str | bytes]:
     return {**contents, f"{FIGURES}/{page}-captions.csv": table(rows, ("figure", "caption"))}
 
 
-def column(label: str) -> str:
+def column_name(label: str) -> str:
     """The name of a column for the label of an axis.
 
-    >>> column("height above the plate / mm"), column("angle of the plate / °"), column("restitution [1]")
-    ('height_above_the_plate_mm', 'angle_of_the_plate_deg', 'restitution')
+    >>> column_name("height above the plate / mm"), column_name("restitution [1]")
+    ('height_above_the_plate_mm', 'restitution')
     """
     words, _, unit = (part.strip() for part in re.sub(r"\[(.*)\]$", r"/ \1", label).rpartition(" / "))
     unit = _UNITS.get(unit, "" if unit == "1" else unit)
@@ -135,10 +135,10 @@ def slug(words: str) -> str:
     return re.sub(r"[^\w.]+", "-", words, flags=re.ASCII)[:LONGEST].strip("-.") or "figure"
 
 
-def different(names: Iterable[str]) -> Iterator[str]:
+def unique_names(names: Iterable[str]) -> Iterator[str]:
     """The names, with a number behind those that stand there already.
 
-    >>> list(different(["heap", "heap", "bed"]))
+    >>> list(unique_names(["heap", "heap", "bed"]))
     ['heap', 'heap-2', 'bed']
     """
     taken: set[str] = set()

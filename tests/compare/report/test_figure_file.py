@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rigtwin.compare.report import drawn as subject
-from rigtwin.compare.report.drawn import drawn, figure_files
+from rigtwin.compare.report import figure_file as subject
+from rigtwin.compare.report.figure_file import figure_file, figure_files
 from rigtwin.compare.report.page import drawn_figures
 from rigtwin.compare.report.plot_style import canvas
 from rigtwin.compare.result_files import write_together
@@ -21,7 +21,7 @@ def line(name="line", label="A line", rows=({"x_mm": 1.0, "y_mm": 2.5},), **more
     with canvas() as (figure, axes):
         axes.plot([0, 1, 2], [0, 1, 4])
         axes.set(xlabel="x / mm", ylabel="y / mm")
-        return drawn(figure, name, label, list(rows), **more)
+        return figure_file(figure, name, label, list(rows), **more)
 
 
 def rows_of(text):
