@@ -32,7 +32,7 @@ from rigtwin.compare import result_files
 from rigtwin.compare.campaign.run import Done, same_inputs
 from rigtwin.compare.campaign.store import LEDGER, Kept, Store
 from rigtwin.compare.reproduce.figures import study_figure
-from rigtwin.compare.reproduce.reproduce import COLUMNS, STUDY_COLUMNS, Reproduction, page
+from rigtwin.compare.reproduce.reproduce import COLUMNS, STUDY_COLUMNS, Reproduction, markdown
 from rigtwin.compare.reproduce.studies import Points, Study, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.twins.run_warnings import once, warned
@@ -156,7 +156,7 @@ def kept(
 
 def written(text: str, reproduction: Reproduction) -> str:
     """The page with its tables anew."""
-    tables = page(reproduction, "reproduction.md")
+    tables = markdown(reproduction)
     return text[: text.index(FIRST)] + tables[tables.index(FIRST) :].rstrip() + "\n"
 
 

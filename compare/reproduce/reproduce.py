@@ -239,8 +239,8 @@ def reproduce(
         "cells.csv": result_files.table(reproduction.rows, COLUMNS),
         "studies.csv": result_files.table(reproduction.study_rows, STUDY_COLUMNS),
         "cells.json": result_files.document(reproduction.to_json()),
-        "report.html": page(reproduction, "reproduction.html", figures),
-        "reproduction.md": page(reproduction, "reproduction.md", figures),
+        "report.html": page(reproduction, figures),
+        "reproduction.md": markdown(reproduction),
         **figure_files("reproduction", figures.values()),
     }
     result_files.write_in_turn(out, contents)
@@ -301,16 +301,20 @@ def drawn_figures(reproduction: Reproduction) -> dict[tuple[str, Rolling], Figur
     return {(study.name, study.rolling): study_figure(study, points) for study, points in found if points}
 
 
-def page(
-    reproduction: Reproduction,
-    template: str = "reproduction.html",
-    figures: Mapping[tuple[str, Rolling], FigureFile] | None = None,
-) -> str:
-    """The report as one HTML page, or as Markdown; its figures are drawn unless they are given."""
-    figures = drawn_figures(reproduction) if figures is None else figures
+def page(reproduction: Reproduction, figures: Mapping[tuple[str, Rolling], FigureFile]) -> str:
+    """The report as one HTML page with its figures."""
+    return _filled("reproduction.html", reproduction, figures)
+
+
+def markdown(reproduction: Reproduction) -> str:
+    """The report as Markdown, without figures."""
+    return _filled("reproduction.md", reproduction, {})
+
+
+def _filled(template: str, reproduction: Reproduction, figures: Mapping[tuple[str, Rolling], FigureFile]) -> str:
     found = [(study, reproduction.points(study)) for study in reproduction.studies]
     drawn = [
-        (study, _run_places(study, points), points, figures[study.name, study.rolling])
+        (study, _run_places(study, points), points, figures.get((study.name, study.rolling)))
         for study, points in found
         if points
     ]

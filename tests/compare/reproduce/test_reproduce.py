@@ -15,7 +15,7 @@ from rigtwin.compare.campaign.run import Done, Run
 from rigtwin.compare.campaign.store import Store
 from rigtwin.compare.reproduce import paper_runs, run_time
 from rigtwin.compare.reproduce import reproduce as module
-from rigtwin.compare.reproduce.reproduce import Reproduction, number, page
+from rigtwin.compare.reproduce.reproduce import Reproduction, drawn_figures, markdown, number, page
 from rigtwin.compare.reproduce.studies import READINGS, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.result_files import plain
@@ -183,7 +183,7 @@ def test_a_run_out_of_memory_leaves_the_others_shown_and_the_command_ends_with_2
 def test_a_page_without_any_result_can_be_written(tmp_path):
     cells = plan(None, quick=True, repetitions=None, seed=1).cells
     empty = Reproduction(cells, Done({}, {}), tmp_path)
-    assert "0 of" in page(empty)
+    assert "0 of" in page(empty, drawn_figures(empty))
     assert all(row["ours"] is None for row in empty.rows)
 
 
@@ -207,7 +207,7 @@ def test_a_swept_bed_is_judged_by_its_absolute_deviation(tmp_path):
     assert score["mean_difference"] == pytest.approx(0.0, abs=1e-9)
     assert swept.rows[0]["ours"] == pytest.approx(swept.rows[0]["paper_dem"])
     assert swept.rows[0]["ours_against_paper_dem_percent"] is None  # of a deviation
-    text = page(swept, "reproduction.md")
+    text = markdown(swept)
     assert "20 of 56 cells run; rank correlation with the paper's simulation 1.00" in text
     assert text.count("| D6, static friction") == 20
 
@@ -222,7 +222,7 @@ def test_table_7_has_rows_with_the_first_frictions_that_are_not_judged(tmp_path)
     table = Reproduction(cells, Done(results, {}), tmp_path)
     (score,) = table.scores
     assert (score["done"], score["judged"]) == (14, 0)
-    assert page(table, "reproduction.md").count("| +10.0 |") == 14
+    assert markdown(table).count("| +10.0 |") == 14
 
 
 def test_table_7_has_computing_times_without_a_deviation(tmp_path, capsys):
@@ -360,8 +360,8 @@ def test_a_study_shows_mean_and_scatter_of_the_piles_that_are_there(tmp_path):
     points = study.points(results)
     assert points == {"graphical, 15-85 %": [(first, 25.0, pytest.approx(5.568, abs=1e-3), 3)]}
     shown = Reproduction((), Done(results, {}), tmp_path, tuple(found))
-    assert "25.0 ± 5.6 (3)" in page(shown, "reproduction.md")
-    assert "<svg" in page(shown)
+    assert "25.0 ± 5.6 (3)" in markdown(shown)
+    assert "<svg" in page(shown, drawn_figures(shown))
     assert len(runs) == len({run.key for run in runs}) == 15
 
 
@@ -513,7 +513,7 @@ def test_a_cell_of_several_runs_says_in_how_many_and_stays_when_none_of_them_emp
     words = "only 1960 of 2000 beads had left the hopper when the run ended"
     assert (one["runs"], one["doubtful"]) == (2, f"{words} (1 of 3 runs)")
     assert (none["ours"], none["doubtful"]) == (None, f"{words} (3 of 3 runs)")
-    text = page(Reproduction((second,), Done(found, {}), tmp_path), "reproduction.md")
+    text = markdown(Reproduction((second,), Done(found, {}), tmp_path))
     assert f" | – | {words} (3 of 3 runs) |\n" in text
 
 
@@ -530,7 +530,7 @@ def test_cells_written_without_doubtful_values_are_read_unchanged(tmp_path):
     shown = reproduction_page.kept(tmp_path / "runs", reproduction_page.run_before(tmp_path / "cells.csv"))
     doubtful = {row["row"]: row["doubtful"] for row in shown.rows if row["ours"] is not None}
     assert doubtful == {"D6": "", "D12": "the bed was still moving when the outlet was opened"}
-    assert "1 doubtful" in page(shown, "reproduction.md")
+    assert "1 doubtful" in markdown(shown)
 
 
 @pytest.mark.parametrize(
@@ -684,7 +684,7 @@ def test_runs_and_cells_that_name_no_law_are_read_as_type_c(tmp_path):
     ours = {(row["row"], row["rolling_model"]): row["ours"] for row in page_of_both.rows if row["table"] == 16}
     assert (ours["D12", "type A"], ours["D12", "type C"]) == (1.0, 2.0)
     assert (ours["D6", "type A"], ours["D6", "type C"]) == (None, 2.88)
-    text = page(page_of_both, "reproduction.md")
+    text = markdown(page_of_both)
     assert text.count("## Table 16, rolling type ") == 2
     assert "1 of 7 cells run" in text.partition("## Table 16, rolling type A")[2][:40]
     assert "2 of 7 cells run" in text.partition("## Table 16, rolling type C")[2][:40]
@@ -708,7 +708,7 @@ def test_a_study_run_before_stays_on_the_page_of_a_folder_without_it(tmp_path):
 
     known = reproduction_page.points_run_before(before), reproduction_page.said_before(text)
     shown = reproduction_page.kept(tmp_path / "runs", {}, *known)
-    written = page(shown, "reproduction.md")
+    written = markdown(shown)
     assert "| 6 | 36.2 ± 3.8 (3) |\n" in written, "three heaps of before count more than a single one"
     assert "| 10 | 40 (1) |\n" in written, "of as many the new one counts"
     assert "| 90 mm | 33.9 ± 0.9 (3) |\n" in written
@@ -725,6 +725,6 @@ def test_the_table_of_studies_holds_what_the_page_shows(tmp_path):
         return text.partition("\n## Number of particles")[2].partition("\n## What the paper leaves unsaid")[0]
 
     stored(tmp_path)
-    shown = of_studies(page(reproduction_page.kept(tmp_path / "runs", {}, known), "reproduction.md"))
+    shown = of_studies(markdown(reproduction_page.kept(tmp_path / "runs", {}, known)))
     assert shown.count("\n## ") == 3
     assert of_studies((docs / "reproduction.md").read_text(encoding="utf-8")) == shown
