@@ -296,6 +296,20 @@ LISTED = (
         setup={"turned": True},
         on={"roll": {"pushed": True}},
     ),
+    Effect(
+        "sliding_speed",
+        {"weakening": friction.by_speed("weakening"), "linear": friction.by_speed("linear")},
+        ("slide",),
+        (
+            "velocity dependent friction",
+            "speed dependent friction",
+            "velocity weakening",
+            "friction&speed",
+            "friction&velocity",
+            "sliding&speed",
+        ),
+        also=("friction_drop",),
+    ),
 )
 
 UNLISTED = (
@@ -304,6 +318,7 @@ UNLISTED = (
         {"film": friction.clump_drag("film"), "sail": friction.clump_drag("sail")},
         ("slide",),
         ("viscous sliding", "lubrication", "drag", "drag on the clump", "sliding&viscous", "friction&speed"),
+        also=("sliding_speed",),  # at one load a viscous film is a friction that grows with the speed
         listed=False,
     ),
     Effect("ripple", {"sine": friction.ripple}, ("roll",), ("ripple", "waviness"), listed=False),
@@ -332,20 +347,6 @@ UNLISTED = (
     ),
     Effect("shaken arm", {"sine": friction.shaken_arm}, ("slide",), ("vibration",), listed=False),
     Effect("patch on the arm", {"step": friction.patch}, ("slide",), ("step in friction",), listed=False),
-    Effect(
-        "friction by speed",
-        {"weakening": friction.by_speed("weakening"), "linear": friction.by_speed("linear")},
-        ("slide",),
-        (
-            "velocity dependent friction",
-            "speed dependent friction",
-            "velocity weakening",
-            "friction&speed",
-            "friction&velocity",
-        ),
-        also=("friction_drop",),
-        listed=False,
-    ),
 )
 
 ALL = {effect.name: effect for effect in (*LISTED, *UNLISTED)}
