@@ -37,6 +37,8 @@ class RigOrLab(TyperGroup):
         known = self.get_command(ctx, args[0]) if args else None
         if args and known is None and not args[0].startswith("-") and _is_lab(Path(args[0])):
             args = ["lab", *args]
+        elif args and args[0] == "lab" and all(word.startswith("-") for word in args[1:2]) and _is_lab(Path("lab")):
+            args = ["lab", *args]  # a lab folder of that name
         return super().resolve_command(ctx, args)
 
 

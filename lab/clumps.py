@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Vector = tuple[float, float, float]
 
 ACCURACY = 1e-4  # relative, of volume and moments
+TOUCHING = 1e-6  # [radii], gap of two spheres that still touch: rounding of written numbers
 COARSEST, FINEST = 64, 2048  # columns across the union
 
 
@@ -81,6 +82,25 @@ def _clump(offsets: tuple[Vector, ...], radii: tuple[float, ...], accuracy: floa
     places = (np.array(offsets) - np.array(whole.centre)) @ axes
     gyration = np.diag(axes.T @ tensor @ axes)
     return Clump(tuple(map(_vector, places.tolist())), radii, whole.volume, _vector(gyration.tolist()))
+
+
+def apart(centres: Array, radii: Array) -> int | None:
+    """Index of the first sphere that no chain of touching spheres links to sphere 0; None if they all hang together.
+
+    >>> import numpy as np
+    >>> apart(np.array([[0.0, 0, 0], [1, 0, 0], [5, 0, 0]]), np.array([0.5, 0.5, 1.0]))
+    2
+    """
+    import numpy as np
+
+    joined, new = {0}, [0]
+    while new:
+        one = new.pop()
+        reach = radii + radii[one] + TOUCHING * radii.min()
+        found = set(np.flatnonzero(np.linalg.norm(centres - centres[one], axis=1) <= reach).tolist()) - joined
+        joined |= found
+        new += found
+    return next((index for index in range(len(radii)) if index not in joined), None)
 
 
 def principal_axes(tensor: Array, accuracy: float = ACCURACY) -> Array:

@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rigtwin.lab.clumps import Clump, Vector, principal_axes
+from rigtwin.lab.clumps import Clump, Vector, apart, principal_axes
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.input_files import decoding, read_bytes
 
@@ -31,6 +31,7 @@ LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
 MOST_FACETS = 100_000  # the filling takes about 10 s with so many; scans are simplified before
 MOST_SPHERES = 300  # of one clump; a heap of 1000 such particles has as many spheres as the engine takes in an hour
 STL_SPHERES = 24  # where nothing is said: as many as the paper's clump of a cube with the calibrated parameters
+THICKER = 1.0  # times the radius of its largest sphere inside, by which spheres may be enlarged to the volume of a body
 THINNEST = 1e-3  # [1], volume over that of the box around the body; a coin of 20 mm by 0.1 mm has 4e-3
 
 FACET = 1 / 40  # [lengths of the body], longest edge of the facets on which the distance is bounded
@@ -54,6 +55,13 @@ class SphereFilling:
     error: float  # [m], no point of the body's surface is farther from the clump, and no sphere sticks out more
     enlarged: float  # [m], by which the spheres stick out of the body
     volume: float  # [m^3], of the union of the spheres
+
+    @property
+    def touching(self) -> bool:
+        """Whether all spheres hang together; between those that do not other particles may get into the body."""
+        import numpy as np
+
+        return apart(np.array(self.clump.offsets), np.array(self.clump.radii)) is None
 
 
 def read_stl(path: Path, unit: float) -> Trimesh:
@@ -127,7 +135,7 @@ def filled(mesh: Trimesh, *, spheres: int | None = None, error: float | None = N
     Raises
     ------
     BadInput
-        If the body is not closed, or `error` needs more than `MOST_SPHERES`.
+        If the body is not closed or too thin for so few spheres, or `error` needs more than `MOST_SPHERES`.
 
     Notes
     -----
@@ -152,15 +160,14 @@ def filled(mesh: Trimesh, *, spheres: int | None = None, error: float | None = N
     body = _Body(mesh)
     if error is None:
         assert spheres is not None
-        chosen = body.of_number(spheres)
-        return body.enlarged(chosen)
+        return _thick_enough(body.enlarged(body.of_number(spheres)))
     if not error > 0:
         raise BadInput(f"clump: a distance of {error:g} m is not possible; give a length above 0.")
     inner = 2 * error / body.length
     while True:
         found = body.enlarged(body.within(inner))
         if found.error <= error:
-            return found
+            return _thick_enough(found)
         if len(found.clump.radii) >= MOST_SPHERES:
             reached = body.enlarged(body.of_number(MOST_SPHERES)).error
             raise BadInput(
@@ -168,6 +175,17 @@ def filled(mesh: Trimesh, *, spheres: int | None = None, error: float | None = N
                 "asked; allow more."
             )
         inner *= TIGHTER
+
+
+def _thick_enough(found: SphereFilling) -> SphereFilling:
+    inner = max(found.clump.radii) - found.enlarged
+    if found.enlarged > THICKER * inner:
+        raise BadInput(
+            f"the body is so thin that {len(found.clump.radii)} spheres of up to {2e3 * inner:.2g} mm would have to be "
+            f"{2e3 * found.enlarged:.2g} mm larger to have its volume; allow more of them (stl_spheres up to "
+            f"{MOST_SPHERES}), a smaller stl_error, or give a thicker body."
+        )
+    return found
 
 
 def filled_file(path: Path, unit: float, *, spheres: int | None = None, error: float | None = None) -> SphereFilling:

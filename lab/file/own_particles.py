@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rigtwin.lab.clumps import Clump, clump
+from rigtwin.lab.clumps import Clump, apart, clump
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.schema import (
     ModelParticleEntry,
@@ -26,7 +26,6 @@ from rigtwin.lab.size_distributions import Law, Sizes, listed, lognormal, normal
 from rigtwin.lab.stl_grain import SphereFilling, filled_file
 
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
-APART = 1e-6  # [radii], gap of two spheres that still touch: rounding of written numbers
 SHAPES = ("diameter", "spheres", "stl")  # keys of which a particle has one
 NEEDED: dict[Law, tuple[str, str]] = {
     "list": ("diameters", "shares"),
@@ -133,9 +132,10 @@ def filling_in_words(name: str, entry: ParticleEntry, folder: Path) -> str:
     assert entry.stl is not None
     found = _filling(entry, folder)
     count = len(found.clump.radii)
+    gaps = "" if found.touching else "; the spheres do not all touch each other, more of them would"
     return (
         f"particle {name}: {count} sphere{'s' if count > 1 else ''} in place of {entry.stl}, within "
-        f"{1e3 * found.error:.2g} mm of its surface, enlarged by {1e3 * found.enlarged:.2g} mm to its volume"
+        f"{1e3 * found.error:.2g} mm of its surface, enlarged by {1e3 * found.enlarged:.2g} mm to its volume{gaps}"
     )
 
 
@@ -164,14 +164,6 @@ def _of_spheres(spheres: tuple[Sphere, ...]) -> Clump:
     """The clump of a list of spheres [m].  Raises `BadInput` if they do not all hang together."""
     rows = np.array(spheres)
     centres, radii = rows[:, :3], rows[:, 3] / 2
-    joined, new = {0}, [0]
-    while new:
-        one = new.pop()
-        reach = (radii + radii[one]) + APART * radii.min()
-        near = np.flatnonzero(np.linalg.norm(centres - centres[one], axis=1) <= reach)
-        found = set(near.tolist()) - joined
-        joined |= found
-        new += found
-    if alone := sorted(set(range(len(radii))) - joined):
-        raise BadInput(f"sphere {alone[0] + 1} does not touch those before it; spheres of one particle hang together.")
+    if (alone := apart(centres, radii)) is not None:
+        raise BadInput(f"sphere {alone + 1} does not touch those before it; spheres of one particle hang together.")
     return clump([(x, y, z) for x, y, z, _ in spheres], radii.tolist())

@@ -22,6 +22,7 @@ import pytest
 import typer
 
 from rigtwin.cli import app
+from rigtwin.lab.file.lab_file import read_lab
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -78,6 +79,18 @@ def test_a_command_in_the_documentation_exists_with_its_options(
 def test_commands_of_the_documentation_are_found() -> None:
     assert len(EVERY) > 50
     assert {"README.md", "process_lab.md", "calibration.md"} <= {page.name for page, _ in EVERY}
+
+
+TABLES = [(page, block) for page in PAGES for block in blocks(page) if block.title.endswith("lab.toml")]
+
+
+@pytest.mark.parametrize(("page", "block"), TABLES, ids=[block.title for _, block in TABLES])
+def test_a_lab_toml_of_the_documentation_has_no_fault(page: Path, block: Block, tmp_path: Path) -> None:
+    for name in ("clips/r01.mp4", "photos/view1.jpg", "photos/view2.jpg"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "lab.toml").write_text(block.text, "utf-8")
+    assert read_lab(tmp_path).experiments
 
 
 RUNS = [page for page in PAGES if any(block.language in RUN for block in blocks(page))]

@@ -142,6 +142,13 @@ def test_a_body_that_is_none_is_refused(tmp_path, mesh, words):
     assert str(refused.value).startswith(str(tmp_path / "grain.stl"))
 
 
+@pytest.mark.parametrize(("spheres", "error"), [(24, None), (None, 2e-3)])
+def test_a_body_too_thin_for_so_few_spheres_is_refused(spheres, error):
+    ring = in_metres(trimesh.creation.torus(major_radius=10, minor_radius=0.15))
+    with pytest.raises(BadInput, match="so thin that"):
+        filled(ring, spheres=spheres, error=error)
+
+
 def test_a_sheet_is_no_grain():
     sheet = trimesh.creation.cylinder(radius=20.0, height=0.2)
     sheet.vertices = sheet.vertices + np.column_stack([np.zeros((len(sheet.vertices), 2)), sheet.vertices[:, 0] * 20])
