@@ -60,9 +60,6 @@ def serve(
         ahead = threading.Thread(target=review.look_ahead, daemon=True)
         ahead.start()
         ahead.join(HEAD_START)
-        announce(address)
-        if browser:
-            threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
         config = uvicorn.Config(
             Guard(review.application, bound, token),
             log_level="error" if os.environ.get("RIGTWIN_DEBUG") else "critical",
@@ -71,7 +68,17 @@ def serve(
             lifespan="off",
             timeout_graceful_shutdown=GRACE,
         )
-        uvicorn.Server(config).run(sockets=[listener])
+
+        class Announced(uvicorn.Server):
+            """Tells its address once it serves, so that Ctrl-C then closes it like any other time."""
+
+            async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+                await super().startup(sockets=sockets)
+                announce(address)
+                if browser:
+                    threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+        Announced(config).run(sockets=[listener])
 
 
 def _lab_and_place(given: Path, *, allow_outside: bool) -> tuple[Path, str]:

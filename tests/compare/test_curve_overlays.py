@@ -9,6 +9,7 @@ import pytest
 from rigtwin.compare.curve_overlays import Curve, Overlay, comparable
 from rigtwin.compare.report.figures import overlay_figure
 from rigtwin.compare.twins.registry import ENTRIES
+from rigtwin.lab.materials import Material, Particle
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Profile, Series, Track
 from rigtwin.lab.rigs import (
@@ -37,7 +38,7 @@ def profile(x, height, **more) -> Profile:
 
 
 def overlays(rig, mine, theirs) -> tuple[Overlay, ...]:
-    experiment = SimpleNamespace(rig=rig, particle=SimpleNamespace(diameter=BEAD))
+    experiment = SimpleNamespace(rig=rig, particle=Particle("bead", Material("ash", 720, 11e9, 0.44), BEAD))
     return comparable(ENTRIES[rig.name].curves(experiment, mine, theirs))
 
 
