@@ -441,7 +441,9 @@ def counted(rows: Sequence[Deviation]) -> str:
     }
     numbers = {words: sum(row.verdict.startswith(verdicts) for row in rows) for words, verdicts in kinds.items()}
     parts = [f"{number} {words}" for words, number in numbers.items() if number]
-    return f"{len(rows)} quantities measured and simulated" + (f": {', '.join(parts)}" if parts else "")
+    return f"{len(rows)} {'quantity' if len(rows) == 1 else 'quantities'} measured and simulated" + (
+        f": {', '.join(parts)}" if parts else ""
+    )
 
 
 def primary_first(rows: Sequence[Deviation]) -> tuple[list[Deviation], list[Deviation]]:

@@ -354,7 +354,9 @@ def _size(outcome: Outcome, runs: Sequence[Twin]) -> str:
     seeds = [str(run.settings.get("seed")) for run in runs]
     number = listed(dict.fromkeys(str(_particles(run)) for run in runs))
     s = "s" if len(runs) > 1 else ""
-    return f"{len(runs)} run{s} (seed{s} {listed(seeds)}) of {number} particles; "
+    failed = [f"seed {one.settings.get('seed')} failed ({one.failed})" for one in outcome.twins if one.failed]
+    left = f", {listed(failed)} and left out" if failed else ""
+    return f"{len(runs)} run{s} (seed{s} {listed(seeds)}) of {number} particles{left}; "
 
 
 def _particles(run: Twin) -> int | str:

@@ -96,6 +96,14 @@ def test_what_was_not_done_is_not_described(comparison):
     assert "hu2019" not in text
 
 
+def test_a_run_that_failed_is_stated_with_its_reason(comparison):
+    whole = comparison()
+    fall, heap = whole.outcomes
+    lost = replace(heap.twins[0], failed="79 of 1000 particles stayed")
+    some = replace(whole, outcomes=(fall, replace(heap, twins=(*heap.twins, lost))))
+    assert "failed (79 of 1000 particles stayed) and left out" in methods(some, VERSIONS).markdown
+
+
 def test_effects_of_the_model_are_described_where_they_act(comparison):
     whole = comparison()
     model = replace(whole.lab.model, effects={"air_drag": {"drag_coefficient": 0.47}, "ageing": {}})
