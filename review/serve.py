@@ -70,7 +70,7 @@ def serve(
         )
 
         class Announced(uvicorn.Server):
-            """Tells its address once it serves, so that Ctrl-C then closes it like any other time."""
+            """States its address once it serves, so that Ctrl-C then closes it like any other time."""
 
             async def startup(self, sockets: list[socket.socket] | None = None) -> None:
                 await super().startup(sockets=sockets)
