@@ -141,7 +141,7 @@ class Particle:
 
     @property
     def typical(self) -> Particle:
-        """The particle of the median size by mass, where one diameter stands for all."""
+        """The particle of the median size by mass, for formulas that take one diameter."""
         if self.sizes is None:
             return self
         return scaled(replace(self, sizes=None), self.sizes.median_by_mass / self.sizes.largest)

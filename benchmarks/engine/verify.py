@@ -247,7 +247,7 @@ def test_5() -> list[Row]:
 
 
 SPINS = (0.5, 1.0, 3.0, 9.0, 22.0)  # [rad/s]
-SLIDES_FROM = 9.0  # [rad/s]; below, the result hangs on the tangential damping, which the benchmark leaves open
+SLIDES_FROM = 9.0  # [rad/s]; below, the result depends on the tangential damping, which the benchmark leaves open
 
 
 def test_6() -> list[Row]:
@@ -264,7 +264,7 @@ def test_6() -> list[Row]:
                 left = spin - 2.5 * impulse / ball.radius
                 rows.append(against(f"{name}: spin", after, left, relative=0.01, unit="rad/s", note="sliding"))
             else:
-                rows.append(Row(f"{name}: v_t", along, "m/s", note="hangs on the tangential damping"))
+                rows.append(Row(f"{name}: v_t", along, "m/s", note="depends on the tangential damping"))
                 balance = after + 2.5 * along / ball.radius
                 rows.append(
                     against(f"{name}: spin + 2.5 v_t/R", balance, spin, relative=1e-3, unit="rad/s", note="impulse")

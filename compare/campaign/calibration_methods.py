@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from rigtwin.compare.report.methods_text import Methods, listed, software
+from rigtwin.compare.report.methods_text import Methods, counted, listed, software, were
 from rigtwin.lab.formatting import title
 from rigtwin.lab.reference.bibliography import SOFTWARE
 
@@ -39,9 +39,8 @@ def _sentences(found: Calibration) -> Iterator[str]:
     experiments = listed(f"`{name}`" for name in dict.fromkeys(one.experiment for one in found.targets))
     quantities = listed(dict.fromkeys(title(one.quantity).lower() for one in found.targets))
     yield (
-        f"{_counted(len(found.parameters), 'parameter')} fitted to {len(found.targets)} measured "
-        f"number{'s' if len(found.targets) > 1 else ''} ({quantities}) of {experiments} with {found.runs} "
-        f"discrete-element simulations in rigtwin [@{SOFTWARE}]."
+        f"{were(len(found.parameters), 'parameter')} fitted to {counted(len(found.targets), 'measured number')} "
+        f"({quantities}) of {experiments} with {found.runs} discrete-element simulations in rigtwin [@{SOFTWARE}]."
     )
     yield f"Priors: {'; '.join(map(_prior, found.parameters))}."
     yield (
@@ -61,10 +60,6 @@ def _sentences(found: Calibration) -> Iterator[str]:
         yield f"Held out and predicted: {listed(f'`{name}`' for name in held)}."
     if found.lab.borrowed:
         yield "Values that the lab does not state are those of published tables [@hlosta2020]."
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'s were' if number > 1 else ' was'}"
 
 
 def _prior(one: Parameter) -> str:

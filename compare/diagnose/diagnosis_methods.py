@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from rigtwin.compare.diagnose.selection.locate import LEVEL
 from rigtwin.compare.diagnose.selection.name_effects import ALARM
-from rigtwin.compare.report.methods_text import Methods, software
-from rigtwin.lab.reference.bibliography import SOFTWARE, cited
+from rigtwin.compare.report.methods_text import Methods, counted, effect_sentence, software
+from rigtwin.lab.reference.bibliography import SOFTWARE
 
 if TYPE_CHECKING:
     from rigtwin.compare.diagnose.bulk.candidates import BulkEffect
@@ -47,7 +47,7 @@ def bulk_methods(found: BulkDiagnosis, versions: Mapping[str, str]) -> Methods:
 def _of_tracks(found: Diagnosis) -> Iterator[str]:
     lab, naming, location = found.lab, found.naming, found.location
     yield (
-        f"{lab.repetitions} tracked repetitions in {_number(len(lab.conditions), 'condition')} were diagnosed with "
+        f"{lab.repetitions} tracked repetitions in {counted(len(lab.conditions), 'condition')} were diagnosed with "
         f"rigtwin [@{SOFTWARE}]."
     )
     if naming is None:
@@ -77,7 +77,7 @@ def _of_numbers(found: BulkDiagnosis) -> Iterator[str]:
 
     measured = sum(len(one.names) for one in found.responses)
     yield (
-        f"{measured} measured numbers of {_number(len(found.responses), 'condition')} were compared with {found.runs} "
+        f"{measured} measured numbers of {counted(len(found.responses), 'condition')} were compared with {found.runs} "
         f"discrete-element simulations in rigtwin [@{SOFTWARE}] about the stated setting. To these runs "
         "a response surface of each number over parameters, uncertain settings and effects was fitted."
     )
@@ -91,9 +91,4 @@ def _of_numbers(found: BulkDiagnosis) -> Iterator[str]:
 def _result(verdict: str, effects: Sequence[Effect | BulkEffect]) -> Iterator[str]:
     yield f"The verdict is `{verdict}`."
     for one in effects:
-        keys = "; ".join(f"@{key}" for key in cited(one.source))
-        yield f"Effect {one.title}: {one.equation} {f'[{keys}]' if keys else f'({one.source})'}."
-
-
-def _number(number: int, what: str) -> str:
-    return f"{number} {what}{'s' if number != 1 else ''}"
+        yield effect_sentence(one.title, one.equation, one.source)

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.chosen import known_scatter
 from rigtwin.compare.deviation import SURE, UNINFORMATIVE, headlines
-from rigtwin.compare.report.methods_text import Methods, listed, software
+from rigtwin.compare.report.methods_text import Methods, effect_sentence, listed, software, were
 from rigtwin.compare.twins.many_body import NUMERICS
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import reading, title
 from rigtwin.lab.media_files import SOUNDS
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.reference.bibliography import SOFTWARE, cited
+from rigtwin.lab.reference.bibliography import SOFTWARE
 from rigtwin.lab.rigs import GRAVITY
 
 if TYPE_CHECKING:
@@ -128,20 +128,16 @@ def _repetitions(outcome: Outcome) -> Iterator[str]:
     experiment, found = outcome.experiment, outcome.measurements
     if found:
         kinds = Counter(kind for item in found for kind in _media_of(experiment, item))
-        media = " and ".join(_counted(kind, number) for kind, number in kinds.items())
-        yield f"{_number(len(found), 'repetition')} measured from {media}{_rates(outcome)}{_scales(found)}."
+        media = " and ".join(_media(kind, number) for kind, number in kinds.items())
+        yield f"{were(len(found), 'repetition')} measured from {media}{_rates(outcome)}{_scales(found)}."
     if outcome.failures:
         names = ", ".join(one.source.name for one in outcome.failures)
-        yield f"{_number(len(outcome.failures), 'repetition')} not measurable and left out ({names})."
+        yield f"{were(len(outcome.failures), 'repetition')} not measurable and left out ({names})."
     for file, why in experiment.rejected.items():
         yield f"{file.name} was rejected: {why}."
 
 
-def _number(number: int, what: str) -> str:
-    return f"{number} {what}{'s were' if number > 1 else ' was'}"
-
-
-def _counted(kind: str, number: int) -> str:
+def _media(kind: str, number: int) -> str:
     return f"{number} {_MEDIA[kind] if number > 1 else _MEDIA[kind].replace('s of', ' of').removesuffix('s')}"
 
 
@@ -372,12 +368,8 @@ def _acting(twins: Sequence[Twin], effects: Mapping[str, Mapping[str, float]]) -
         if name.replace("_", " ") not in names:
             continue
         effect = named(name)
-        keys = "; ".join(f"@{key}" for key in cited(effect.source))
         numbers = ", ".join(f"{key} = {value:.4g}" for key, value in values.items())
-        yield (
-            f"Effect {effect.title}: {effect.equation}{f', with {numbers} (SI)' if numbers else ''} "
-            f"{f'[{keys}]' if keys else f'({effect.source})'}."
-        )
+        yield effect_sentence(effect.title, effect.equation, effect.source, f", with {numbers} (SI)" if numbers else "")
 
 
 # -------------------------------------------------------------------------------------------------------- comparison
@@ -393,7 +385,8 @@ def _comparison(comparison: Comparison) -> str:
         "measured) / measured, in percent, and z the difference over its standard uncertainty, with effective degrees "
         "of freedom by equation G.2b of the guide [@jcgm100]. Twin and experiment differ where |z| exceeds the factor "
         f"of Student's t for {100 * SURE:g} %, probably differ where it exceeds that for 95 %, and agree where it does "
-        f"not and the 95 % interval of the deviation is at most ±{UNINFORMATIVE:g} %; otherwise the data do not tell.",
+        f"not and the 95 % interval of the deviation is at most ±{UNINFORMATIVE:g} %; otherwise the result is "
+        "inconclusive.",
         "The uncertainty of the twins' parameters is not included.",
         "Quantities that are an input of the twin are not a test of it." if given else "",
         comparison.headline[:1].upper() + comparison.headline[1:],

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 
-from rigtwin.lab.reference.bibliography import Reference, bibtex, reference, references
+from rigtwin.lab.reference.bibliography import Reference, bibtex, cited, reference, references
 
 _CITATION = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
 
@@ -63,6 +63,26 @@ def listed(words: Iterable[str]) -> str:
     """
     *first, last = words
     return f"{', '.join(first)} and {last}" if first else last
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "repetition"), counted(3, "repetition")
+    ('1 repetition', '3 repetitions')
+    """
+    return f"{number} {what}{'s' if number != 1 else ''}"
+
+
+def were(number: int, what: str) -> str:
+    """A number of things with the verb of the passive voice that follows."""
+    return f"{counted(number, what)} {'were' if number != 1 else 'was'}"
+
+
+def effect_sentence(title: str, equation: str, source: str, numbers: str = "") -> str:
+    """The sentence on an effect, with its source as citation where the bibliography has it."""
+    keys = "; ".join(f"@{key}" for key in cited(source))
+    return f"Effect {title}: {equation}{numbers} {f'[{keys}]' if keys else f'({source})'}."
 
 
 def _keys(group: str) -> list[str]:

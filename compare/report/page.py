@@ -15,7 +15,6 @@ from rigtwin.compare.deviation import Deviation, headlines, primary_first
 from rigtwin.compare.report import figures
 from rigtwin.compare.report.figure_file import FigureFile, slug, unique_names
 from rigtwin.compare.report.fill_template import filled
-from rigtwin.compare.report.methods import methods
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import percent, reading, siblings, title, uncertainty, z_score
@@ -95,14 +94,10 @@ def report(
     comparison: Comparison,
     provenance: Mapping[str, Any],
     out: Path,
-    drawn: Mapping[str, Sequence[FigureFile]] | None = None,
-    text: Methods | None = None,
+    drawn: Mapping[str, Sequence[FigureFile]],
+    text: Methods,
 ) -> str:
-    """The text of the page; `provenance` is the content of provenance.json, `out` the folder of the page.
-
-    Its figures and its methods text are made unless they are given.
-    """
-    drawn = drawn_figures(comparison) if drawn is None else drawn
+    """The text of the page; `provenance` is the content of provenance.json, `out` the folder of the page."""
     return filled(
         "report.html",
         title=comparison.lab.title,
@@ -111,7 +106,7 @@ def report(
         headlines=_table(headlines(comparison.deviations), "At a glance"),
         overall=drawn[""],
         sections=[_section(outcome, out, drawn[outcome.experiment.id]) for outcome in comparison.outcomes],
-        methods=methods(comparison, provenance["versions"]) if text is None else text,
+        methods=text,
         borrowed=comparison.lab.borrowed,
         notes=comparison.lab.notes,
         remarks=comparison.remarks,

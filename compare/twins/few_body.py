@@ -44,7 +44,7 @@ def flashes(
 
 
 def one_of(particle: Particle) -> tuple[Particle, tuple[str, ...]]:
-    """The particle that stands for those of different sizes, and an assumption that says so."""
+    """The particle of median size by mass, simulated where sizes differ, and the assumption to report."""
     if particle.sizes is None:
         return particle, ()
     bead = particle.typical

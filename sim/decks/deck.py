@@ -81,7 +81,7 @@ class Deck:
 
     @property
     def contact_radius(self) -> float:
-        """Radius [m] that stands for those of all spheres in contacts."""
+        """Radius [m] that the contact parameters are computed for."""
         radii = self.particle.typical.radii
         return sum(radii) / len(radii)
 

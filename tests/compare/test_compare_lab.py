@@ -329,9 +329,12 @@ def test_overlay_pictures_are_inside_the_report(lab, tmp_path):
     twin = twin_of(experiment, model=read_lab(lab).model, measurements=[measurement])
     outcome = subject.Outcome(experiment, (measurement,), (), (twin,), ())
     whole = subject.Comparison(read_lab(lab), (outcome,), 1, datetime.now(UTC))
-    from rigtwin.compare.report.page import report
+    from rigtwin.compare.report.methods import methods
+    from rigtwin.compare.report.page import drawn_figures, report
 
-    parsed = Page(report(whole, subject_compare_lab.provenance(whole), tmp_path))
+    record = subject_compare_lab.provenance(whole)
+    text = methods(whole, record["versions"])
+    parsed = Page(report(whole, record, tmp_path, drawn_figures(whole), text))
     (embedded,) = [address for address in parsed.addresses if address.startswith("data:image/")]
     assert len(embedded) < 1_000_000
     assert linked(parsed.addresses)[:2] == ["swing-still.png", "pair/swing-overlay.mp4"]

@@ -8,7 +8,8 @@ import pytest
 
 from rigtwin.benchmarks.review.opened_page import CHROMIUM
 from rigtwin.compare.compare_lab import provenance
-from rigtwin.compare.report.page import report
+from rigtwin.compare.report.methods import methods
+from rigtwin.compare.report.page import drawn_figures, report
 from rigtwin.compare.result_files import document
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
@@ -56,7 +57,9 @@ def address(comparison, tmp_path_factory) -> str:
     named = replace(fall, experiment=long, deviations=tuple(rows))
     whole = replace(whole, outcomes=(named, replace(heap, deviations=(*heap.deviations, doubtful))))
     page = tmp_path_factory.mktemp("out") / "report.html"
-    page.write_text(report(whole, json.loads(document(provenance(whole))), page.parent), encoding="utf-8")
+    record = json.loads(document(provenance(whole)))
+    text = methods(whole, record["versions"])
+    page.write_text(report(whole, record, page.parent, drawn_figures(whole), text), encoding="utf-8")
     return page.as_uri()
 
 
