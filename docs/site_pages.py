@@ -24,14 +24,16 @@ fault of rigtwin itself.
 """
 
 
-def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Link what is shown of the package, for the reader of docstrings: it would read all of the root's folders."""
+def on_startup(**_: Any) -> None:
+    """Link what is shown of the package, for the reader of docstrings: it would read all of the root's folders.
+
+    Before the plugins are configured: mkdocstrings leaves out search paths that do not exist yet.
+    """
     package = ROOT / "out" / "docs" / "rigtwin"
     package.mkdir(parents=True, exist_ok=True)
     for name in SHOWN:
         (package / name).unlink(missing_ok=True)
         (package / name).symlink_to(ROOT / name)
-    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
