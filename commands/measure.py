@@ -63,7 +63,7 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
-@filmed(*FILM, "plate", "bead_at")
+@filmed(*FILM, "plate", "bead_at", "centre")
 @tracked
 def measure_drop(
     clip: Annotated[
@@ -95,7 +95,7 @@ def measure_drop(
     epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
 )
 @measured("pendulum")
-@filmed(*FILM, "pivot")
+@filmed(*FILM, "pivot", "centre")
 @tracked
 def measure_pendulum(
     clip: Annotated[Path, typer.Argument(metavar="CLIP", help="Video of the pendulum, or a table of its tracks.")],

@@ -176,6 +176,12 @@ CAMERA: dict[str, Any] = {
         Any,
         _read_by("seed", "--bead-at", "frame:x,y", "The bead's centre in one frame (pixels); it is followed."),
     ],
+    "centre": Annotated[
+        list[Any] | None,
+        _read_by(
+            "seed", "--centre", "frame:x,y", "A bead's centre in one frame, where it is located wrongly or not at all."
+        ),
+    ],
     "plate": Annotated[
         Any, _read_by("line", "--plate", "x1,y1,x2,y2", "Two points of the plate's surface (pixels; first frame).")
     ],
@@ -359,6 +365,7 @@ def camera_of(
     exclude: list[Any] | None = None,
     ignore: list[Any] | None = None,
     pivot: list[Any] | None = None,
+    centre: list[Any] | None = None,
     averaged: bool | None = None,
     **said: Any,
 ) -> Any:
@@ -374,6 +381,7 @@ def camera_of(
         exclude=tuple(exclude or ()),
         ignore=tuple(ignore or ()),
         pivots=tuple(pivot or ()),
+        centre=tuple(centre or ()),
         averaged=bool(averaged),
     )
     if described.board is None:

@@ -107,6 +107,7 @@ class Camera:
     # what is stated instead of being found in the picture; used as stated, with the uncertainty STATED_SIGMA
     ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each
     bead_at: Seed | None = None  # drop, tilt: where the track begins
+    centre: tuple[Seed, ...] = ()  # drop, pendulum: centre of a bead in frames in which it is not located rightly
     plate: Line | None = None  # drop: surface that the bead hits; tilt: surface of the plate in the first frame
     pivots: tuple[Point, ...] = ()  # pendulum: hinge of bead A, and of bead B
     base: Line | None = None  # pile: left and right end of the line that the heap stands on
@@ -162,6 +163,7 @@ class Camera:
         yield from (("--pivot", pivot) for pivot in self.pivots)
         if self.bead_at is not None:
             yield "--bead-at", self.bead_at.at
+        yield from (("--centre", centre.at) for centre in self.centre)
         if self.floor is not None:
             yield "--floor", (0.0, self.floor)
         if self.circle is not None:
@@ -170,7 +172,8 @@ class Camera:
     @property
     def stated(self) -> tuple[str, ...]:
         """Names of what is used as stated instead of being found."""
-        names = ("bead_at", "plate", "pivots", "base", "flank", "cylinder", "floor", "circle", "averaged", "slot")
+        found = ("bead_at", "centre", "plate", "pivots", "base", "flank", "cylinder", "floor", "circle", "slot")
+        names = (*found, "averaged")
         return tuple(name for name in names if getattr(self, name) not in (None, (), False))
 
     @property

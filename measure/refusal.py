@@ -176,3 +176,5 @@ def _stated(camera: Camera) -> Iterator[Mark]:
         yield Mark("--circle", [camera.circle[:2]], camera.circle[2])
     if camera.bead_at is not None:
         yield Mark(f"--bead-at, frame {camera.bead_at.frame}", [camera.bead_at.at])
+    for centre in camera.centre:
+        yield Mark(f"--centre, frame {centre.frame}", [centre.at])

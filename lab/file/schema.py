@@ -234,6 +234,10 @@ def _seed(value: Any) -> camera.Seed:
     return camera.seed(_text(value, "12:310,88"), name="value")
 
 
+def _seeds(value: Any) -> tuple[camera.Seed, ...]:
+    return tuple(_seed(each) for each in (value if isinstance(value, list) else [value]))
+
+
 def _text(value: Any, example: str) -> str:
     if not isinstance(value, str):
         raise BadInput(f"{value!r} is not a text; write it like {example!r}.")
@@ -363,6 +367,7 @@ KnownLength = Annotated[camera.KnownLength, _edge(_known_length)]
 PlumbLine = Annotated[float, _edge(_plumb_line)]
 Line = Annotated[camera.Line, _edge(_line)]
 BeadAt = Annotated[camera.Seed, _edge(_seed)]
+Centres = Annotated[tuple[camera.Seed, ...], _edge(_seeds)]
 Spans = Annotated[tuple[tuple[camera.Moment, camera.Moment], ...], _edge(_spans)]
 Pivots = Annotated[tuple[camera.Point, ...], _edge(_points)]
 Flank = camera.Flank
@@ -498,6 +503,7 @@ class ContactEntry(_Entry):
 _OF_CAMERA = [field.name for field in fields(camera.Camera)]
 _ONLY_OF: dict[str, tuple[str, ...]] = {
     "bead_at": ("drop", "tilt"),
+    "centre": ("drop", "pendulum"),
     "plate": ("drop", "tilt"),
     "pivot": ("pendulum",),
     "base": ("pile",),
@@ -565,6 +571,14 @@ class CameraEntry(_Entry):
         default=None,
         examples=["12:310,88"],
         description='where the body is in a frame: "frame:x,y" in pixels; seed of the track',
+    )
+    centre: Centres = Field(
+        default=(),
+        examples=[["60:310,88"]],
+        description=(
+            'centre of a bead in frames in which it is located wrongly or not at all: "frame:x,y" in pixels; used as '
+            "stated"
+        ),
     )
     plate: Line | None = Field(
         default=None, examples=["100,300,500,300"], description="two points of the plate: x1,y1,x2,y2 in pixels"

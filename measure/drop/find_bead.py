@@ -28,6 +28,7 @@ from rigtwin.measure.tracking.find_paths import Movement, find_paths
 from rigtwin.measure.tracking.follow import Chase, chase_path, look_again
 from rigtwin.measure.tracking.link import SpotPath
 from rigtwin.measure.tracking.search_by_look import paths_by_look, picture_at, picture_on_path
+from rigtwin.measure.tracking.stated_centres import stated_centres, with_stated
 
 WHOLE = 0.9  # minimum share of the frames from the first to the last sighting in which the bead is seen
 NOISIER = 2.0  # factor on the least noise of all paths up to which the number of bounces decides
@@ -57,6 +58,7 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
 
     Raises `NothingToMeasure` if nothing falls, or no bead can be located.
     """
+    centres = stated_centres(video, camera)
     scene = learn_scene(video, quickly=True).scene()
     moves = find_paths(video, scene, camera.region, progress)
     doubled = moves.repeated | video.skipped
@@ -71,7 +73,8 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         raise _no_path(video, camera, moves.paths)
     tried: list[_Tried] = []
     for path in likely:
-        tried.append(_tried(_in_true_time(video, chase_path(video, path, moves, progress), doubled, drag)))
+        seen = with_stated(chase_path(video, path, moves, progress), centres, video.times)
+        tried.append(_tried(_in_true_time(video, seen, doubled, drag)))
         if tried[-1].sound:
             break
     if not (tried[0].sound and tried[0].whole) and camera.bead_at is None:
@@ -79,12 +82,13 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         bead = picture_on_path(video, ranked[0], moves)
         again = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
         for path in sorted(again, key=lambda path: -likeness(path, size))[:1]:
-            seen = chase_path(video, path, moves, progress, shadows=True)
+            seen = with_stated(chase_path(video, path, moves, progress, shadows=True), centres, video.times)
             tried.append(_tried(_in_true_time(video, seen, doubled, drag)))
     found = _best(tried)
     if found.fitted is not None:
         expected = _expected(found.seen, found.pixels, found.fitted, found.video)
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
+        better = with_stated(better, centres, found.video.times)
         return replace(found, seen=better, pixels=_pixel_track(better))
     if len(found.pixels.time) <= FEWEST_SEEN:
         path = found.seen.path

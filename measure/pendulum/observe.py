@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Mask
-from rigtwin.lab.camera import STATED_SIGMA, Camera
+from rigtwin.lab.camera import STATED_SIGMA, Camera, Point
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen, seeing
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Track
@@ -24,6 +25,7 @@ from rigtwin.measure.pendulum.track_one_bead import find_wall_bead, images_by_fr
 from rigtwin.measure.pendulum.track_two_beads import Beads, find_beads, relocate
 from rigtwin.measure.tracking.colour_channel import LUMA
 from rigtwin.measure.tracking.follow import Chase, look_again
+from rigtwin.measure.tracking.stated_centres import moved_to, stated_centres
 
 # Shift of a bead's centre by the background texture and the codec, over the noise of a point.  It depends on position
 # or drifts in time, so it does not average out.  Maximum likelihood of the errors of beads in 15 drawn films of known
@@ -45,16 +47,18 @@ class Film:
 
 def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     """Both beads of a double pendulum in every frame, and their swings; `length` [m] is used in messages only."""
-    beads = find_beads(video, camera.region, stated_length=length, progress=progress)
+    by_hand = stated_centres(video, camera, beads=2)
+    beads = _with_stated(find_beads(video, camera.region, stated_length=length, progress=progress), by_hand)
     times, fit, losses = _swings(video, beads, camera)
     places, velocities, again = _second_look(fit, beads, times)
-    beads = relocate(video, beads, places, velocities, again)
+    beads = _with_stated(relocate(video, beads, places, velocities, again), by_hand)
     return Film(beads, times, fit, losses)
 
 
 def watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
+    by_hand = stated_centres(video, camera)
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
-    beads = _one_bead(chase, video)
+    beads = _with_stated(_one_bead(chase, video), by_hand)
     times, fit, losses = _swings(video, beads, camera)
     places, velocities, again = _second_look(fit, beads, times)
     expected = {
@@ -62,7 +66,7 @@ def watch_wall(video: Video, camera: Camera, length: float | None, progress: Pro
         for k, ((x, y), (u, v)) in enumerate(zip(places[0], velocities[0], strict=True))
         if again[0, k]
     }
-    beads = _one_bead(look_again(chase, expected), video)
+    beads = _with_stated(_one_bead(look_again(chase, expected), video), by_hand)
     with seeing(tracks_seen(beads)):
         tracks = picture_tracks(beads, times)
         fit = fit_clip(video.path, tracks, axis=camera_axis(video), stated=picture_pivots(camera))
@@ -99,6 +103,30 @@ def _one_bead(chase: Chase, video: Video) -> Beads:
     poses = tuple(chase.cuts[k].pose for k in following.tolist())
     looked = np.ones((1, len(frames)), dtype=bool)
     return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, poses, looked, {})
+
+
+def _with_stated(beads: Beads, stated: Mapping[int, tuple[Point, ...]]) -> Beads:
+    """The beads with their stated centres, each of the bead whose path in the other frames is next to it."""
+    from scipy.optimize import linear_sum_assignment
+    from scipy.spatial.distance import cdist
+
+    number = {int(frame): k for k, frame in enumerate(beads.frames)}
+    apart = {number[frame] for frame in stated}
+    seen = [
+        {k: image for k, image in enumerate(images) if image is not None and k not in apart} for images in beads.images
+    ]
+    images = [list(each) for each in beads.images]
+    for frame, points in stated.items():
+        k = number[frame]
+        expected = [
+            [np.interp(k, list(each), [getattr(image, axis) for image in each.values()]) for axis in ("x", "y")]
+            for each in seen
+        ]
+        away = cdist(np.array(points) - beads.shakes[k], np.array(expected))
+        for point, bead in zip(*linear_sum_assignment(away), strict=True):
+            like = seen[bead][min(seen[bead], key=lambda j: abs(j - k))]
+            images[bead][k] = moved_to(like, points[point], beads.shakes[k])
+    return replace(beads, images=tuple(images))
 
 
 def picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:

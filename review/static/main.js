@@ -69,10 +69,10 @@ function placed(key, points, index) {
     askLength(key, points, before === undefined ? "100 mm" : kind.given(before));
     return;
   }
-  const frame = kind.framed && moved ? before.frame : stage.index;
+  const frame = kind.framed && moved && !kind.several ? before.frame : stage.index;
   const text = kind.text(points, frame, moved ? kind.given?.(before) : undefined);
   if (kind.several) {
-    value = (before ?? []).map((each) => kind.text(kind.shape(each)));
+    value = (before ?? []).map((each) => kind.text(kind.shape(each), each.frame));
     value.splice(index < 0 ? value.length : index, 1, text);
   } else {
     value = text;
@@ -98,7 +98,7 @@ function askLength(key, points, given) {
 
 function remove(key, index) {
   const kind = PLACES[key];
-  const left = kind.several ? view().stated[key].filter((_, k) => k !== index).map((each) => kind.text(kind.shape(each))) : [];
+  const left = kind.several ? view().stated[key].filter((_, k) => k !== index).map((each) => kind.text(kind.shape(each), each.frame)) : [];
   set(key, left.length ? left : null, view().own.includes(key));
 }
 

@@ -52,6 +52,11 @@ export const PLACES = {
     label: "Bead", form: "points", hint: "Click at the centre of the bead in this frame.", framed: true, most: 1,
     shape: (value) => [value.at], text: ([point], frame) => `${frame}:${joined(...point)}`, found: () => null,
   },
+  centre: {
+    label: "Centre", form: "points", several: true, framed: true,
+    hint: "Click at the centre of the bead in this frame, where it is located wrongly or not at all.",
+    shape: (value) => [value.at], text: ([point], frame) => `${frame}:${joined(...point)}`, found: () => null,
+  },
   known_length: {
     label: "Known length", form: "line", hint: "Drag along a length that you know, then write it.", asks: "Length",
     shape: (value) => [value.start, value.end], drag: drawnLine, found: () => null,

@@ -124,9 +124,11 @@ export class Stage {
   drawPlace(key) {
     const place = PLACES[key];
     const value = this.stated[key];
-    if (value !== undefined && place.framed && value.frame !== this.index) return;
     if (value !== undefined) {
-      shapesOf(key, value).forEach((points, index) => this.drawShape(key, points, index, "stated"));
+      const frames = place.several ? value.map((each) => each.frame) : [value.frame];
+      shapesOf(key, value).forEach((points, index) => {
+        if (!place.framed || frames[index] === this.index) this.drawShape(key, points, index, "stated");
+      });
       return;
     }
     const own = this.marks.filter((mark) => mark.view === this.view);
@@ -219,7 +221,8 @@ export class Stage {
     event.preventDefault();
     const [key, place, from] = [this.tool, PLACES[this.tool], this.at(event)];
     if (place.form === "points") {
-      this.drag(event, (to) => [to], ([point]) => this.onPlace(key, this.added(key, point), 0), key);
+      const written = (point) => (place.several ? this.onPlace(key, [point], -1) : this.onPlace(key, this.added(key, point), 0));
+      this.drag(event, (to) => [to], ([point]) => written(point), key);
       return;
     }
     const shortest = place.form === "level" ? 0 : SHORTEST;

@@ -299,6 +299,24 @@ def test_each_place_is_written_under_its_own_key(opened):
         assert [float(each) for each in written.split(",")] == pytest.approx(wanted, abs=1.5), key
 
 
+def test_the_centre_of_a_bead_is_stated_in_frames_in_which_it_is_located_wrongly(opened):
+    opened.show("r02.mp4")
+    opened.slide_to(60)
+    opened.state("Centre", (210, 400), (210, 400))
+    opened.page.keyboard.press("ArrowRight")
+    opened.frame(61)
+    opened.state("Centre", (210, 410), (210, 410))
+    opened.page.locator('[data-handle="centre 1 0"]').wait_for()
+    assert opened.page.locator('[data-handle="centre 0 0"]').count() == 0  # of another frame
+    opened.drag((210, 410), (214, 405))
+    stated = read_lab(opened.lab).experiment("drop").camera.centre
+    assert [each.frame for each in stated] == [60, 61]
+    assert (*stated[0].at, *stated[1].at) == pytest.approx((210, 400, 214, 405), abs=1.5)
+    with opened.changed():
+        opened.page.get_by_label("Remove Centre 1").click()
+    assert [each.frame for each in read_lab(opened.lab).experiment("drop").camera.centre] == [61]
+
+
 def test_a_handle_is_moved_with_the_keyboard(opened):
     opened.page.locator('[data-handle="base 0 0"]').focus()
     opened.page.keyboard.press("Shift+ArrowDown")
