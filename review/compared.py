@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from rigtwin.compare.result_files import FIGURES
 from rigtwin.lab.formatting import percent, reading, siblings, title
 from rigtwin.lab.input_files import LARGEST_TABLE
 
 SHOWN = (".html", ".csv", ".json", ".toml", ".svg", ".png", ".webp", ".mp4", ".md", ".bib")
 """Endings of the result files that are linked or shown."""
+
+PAGES = {
+    "report": "Comparison",
+    "diagnosis": "Diagnosis, step by step",
+    "calibration": "Calibration",
+    "sweep": "Sweep",
+    "reproduction": "Published tables",
+}
+"""Titles of the pages with figures, by the name that their lists of captions begin with."""
 
 
 def result_file(folder: Path, name: str) -> Path:
@@ -31,6 +42,34 @@ def result_files(folder: Path) -> list[str]:
             with suppress(LookupError):
                 found.append(result_file(folder, file.name))
     return [file.name for file in sorted(found, key=lambda each: (each.suffix != ".html", each.name))]
+
+
+def figures(folder: Path) -> list[dict[str, Any]]:
+    """The figures that earlier commands drew into the lab's folder of results, in their order.
+
+    Parameters
+    ----------
+    folder : Path
+        The lab's folder.
+
+    Returns
+    -------
+    list of dict
+        For each page that has figures its ``title``, and ``pictures`` with ``file`` and ``caption``.
+    """
+    found = []
+    for page, words in PAGES.items():
+        with suppress(OSError, ValueError, LookupError, TypeError, csv.Error):  # none, or not of ours
+            listed = result_file(folder, f"{FIGURES}/{page}-captions.csv")
+            if listed.stat().st_size > LARGEST_TABLE:
+                continue
+            rows = list(csv.DictReader(listed.read_text(encoding="utf-8").splitlines()))
+            names = [f"{FIGURES}/{row['figure']}.svg" for row in rows]
+            for name in names:
+                result_file(folder, name)
+            pictures = [{"file": name, "caption": row["caption"]} for name, row in zip(names, rows, strict=True)]
+            found.append({"title": words, "pictures": pictures})
+    return [page for page in found if page["pictures"]]
 
 
 def comparison(lab: Path) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from rigtwin.lab.media_files import PICTURES
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.measure.media.sound import is_sound
-from rigtwin.review.compared import comparison, result_files, row_json
+from rigtwin.review.compared import comparison, figures, result_files, row_json
 from rigtwin.review.remeasure import Beside, Remeasured
 
 
@@ -76,6 +76,7 @@ class OpenLab:
                 for one, entry in zip(self.lab.experiments, self.file.experiments, strict=True)
             ],
             "results": result_files(self.lab.folder),
+            "figures": figures(self.lab.folder),
             "compared": comparison(self.lab.path),
         }
 

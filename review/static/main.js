@@ -1,6 +1,7 @@
 // The page: which repetition is shown, its measurement, and changes of lab.toml.
 
 import { get, post } from "./api.js";
+import { open as openFigures, showFigures } from "./gallery.js";
 import { node, showLegend, showParts, showResult, showTools, showTwin, showVerdict } from "./panel.js";
 import { PLACES } from "./places.js";
 import { Stage } from "./stage.js";
@@ -178,6 +179,7 @@ function showAll() {
   showLegend(stage.marks.filter((mark) => mark.view === shown.view), view().stated);
   $("results").replaceChildren(...lab.results.filter((name) => name.endsWith(".html")).map((name) =>
     node("a", { href: `/results/${encodeURIComponent(name)}`, target: "_blank", rel: "noopener" }, name.replace(".html", ""))));
+  showFigures(lab.figures);
   stage.draw();
 }
 
@@ -322,6 +324,7 @@ const KEYS = {
   n: () => step(1),
   p: () => step(-1),
   m: () => { stage.marksShown = !stage.marksShown; stage.draw(); },
+  f: openFigures,
   r: () => $("reason").focus(),
   t: runTwin,
   "?": () => $("help").showModal(),
@@ -342,7 +345,7 @@ const FILM_KEYS = {
 };
 
 document.addEventListener("keydown", (event) => {
-  if ($("help").open || !lab) return;
+  if ($("help").open || $("figures").open || !lab) return;
   if (event.key.toLowerCase() === "z" && (event.ctrlKey || event.metaKey) && event.target.tagName !== "INPUT") {
     event.preventDefault();
     if (lab.can_undo) undo();

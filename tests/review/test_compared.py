@@ -7,7 +7,7 @@ import pytest
 
 from rigtwin.compare.deviation import deviations
 from rigtwin.lab.quantity import Quantity
-from rigtwin.review.compared import comparison, result_file, result_files
+from rigtwin.review.compared import comparison, figures, result_file, result_files
 
 
 @pytest.fixture
@@ -58,6 +58,21 @@ def test_only_results_in_the_folder_itself_are_listed_and_found(lab):
     for name in ("link.html", "../secret.html", "notes.txt", "nothing.html"):
         with pytest.raises(LookupError):
             result_file(lab, name)
+
+
+def test_figures_are_listed_by_the_page_that_they_are_of(lab):
+    assert figures(lab) == []
+    (lab / "out/figures").mkdir()
+    for name in ("sweep-1", "sweep-2", "steps"):
+        (lab / f"out/figures/{name}.svg").write_text("<svg/>")
+    (lab / "out/figures/sweep-captions.csv").write_text('figure,caption\nsweep-1,"Height, in mm"\nsweep-2,Angle\n')
+    (lab / "out/figures/diagnosis-captions.csv").write_text("figure,caption\nsteps,Where\n")
+    (lab / "out/figures/calibration-captions.csv").write_text("figure,caption\nlost,Its file is gone\n")
+    diagnosis, sweep = figures(lab)
+    assert diagnosis["pictures"] == [{"file": "figures/steps.svg", "caption": "Where"}]
+    assert [each["caption"] for each in sweep["pictures"]] == ["Height, in mm", "Angle"]
+    (lab / "out/figures/sweep-captions.csv").write_text("name\n../../secret\n")
+    assert figures(lab) == [diagnosis]
 
 
 def test_a_folder_of_results_that_is_a_link_elsewhere_is_not_shown(lab, tmp_path_factory):

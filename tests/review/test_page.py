@@ -375,6 +375,32 @@ def test_what_cannot_be_is_refused_in_the_words_of_the_command_line(opened):
     opened.errors.clear()  # the browser's own word for the refusal
 
 
+def test_figures_of_earlier_commands_are_clicked_through(opened):
+    playwright.expect(opened.page.get_by_role("button", name="Figures")).to_be_hidden()
+    drawn = opened.lab / "out" / "figures"
+    drawn.mkdir(parents=True)
+    svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 90 60"><path d="M0 0L90 60" stroke="#000"/></svg>'
+    for name in ("diagnosis-where", "diagnosis-gap", "sweep-height"):
+        (drawn / f"{name}.svg").write_text(svg)
+    (drawn / "diagnosis-captions.csv").write_text("figure,caption\ndiagnosis-where,Where\ndiagnosis-gap,The gap\n")
+    (drawn / "sweep-captions.csv").write_text("figure,caption\nsweep-height,Bed height\n")
+    try:
+        opened.come_back()
+        opened.page.get_by_role("button", name="Figures").click()
+        assert opened.page.locator("#thumbs h2").all_inner_texts() == ["Diagnosis, step by step", "Sweep"]
+        opened.page.get_by_role("button", name="Where").click()
+        opened.page.wait_for_function("document.getElementById('figure-picture').naturalWidth > 0")
+        for key, caption in (("ArrowRight", "The gap"), ("ArrowRight", "Bed height"), ("ArrowLeft", "The gap")):
+            opened.page.keyboard.press(key)
+            playwright.expect(opened.page.locator("#figure-caption")).to_have_text(caption)
+        opened.page.keyboard.press("Backspace")
+        assert opened.page.locator("#thumbs img:visible").count() == 3
+        opened.page.keyboard.press("Escape")
+        playwright.expect(opened.page.locator("#figures")).to_be_hidden()
+    finally:
+        shutil.rmtree(opened.lab / "out")
+
+
 def test_light_and_dark_follow_the_system(opened):
     grounds = set()
     for scheme in ("light", "dark"):
