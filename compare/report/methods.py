@@ -81,9 +81,7 @@ def _experiment(outcome: Outcome) -> str:
     experiment = outcome.experiment
     wall = "" if experiment.wall is None else f" on {_material(experiment.wall)}"
     settings = [
-        f"{name.removesuffix(', stated')} {value * factor:.4g}{unit}"
-        for name, value, factor, unit in entry_of(experiment).stated(experiment)
-        if value is not None
+        f"{one.name.removesuffix(', stated')} {one.text}" for one in entry_of(experiment).stated(experiment) if one.text
     ]
     sentences = [
         f"`{experiment.id}` ({_kind(experiment)}): {_particle(experiment.particle)}{wall}"

@@ -249,7 +249,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
 def _stated(experiment: Experiment) -> list[tuple[str, str]]:
     """The stated settings of the rig, as name and text."""
     said = entry_of(experiment).stated(experiment)
-    return [(name, f"{value * factor:.4g}{unit}") for name, value, factor, unit in said if value is not None]
+    return [(one.name, one.text) for one in said if one.text]
 
 
 def _caption(overlay: Overlay) -> str:

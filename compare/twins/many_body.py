@@ -159,7 +159,8 @@ def filling_count(rig: Weighed, particle: Particle, count: int | None) -> int:
     return filled
 
 
-def stated_filling(rig: Weighed, particle: Particle) -> Stated:
-    """Return the filling as the report shows it."""
-    source = "counted" if rig.total_mass is None else "weighed"
-    return Stated(f"filling, {source}", filling_mass(rig, particle), 1e3, " g")
+def stated_filling(rig: Weighed) -> Stated:
+    """Return the filling as the report shows it: its mass, or the number of particles."""
+    if rig.total_mass is not None:
+        return Stated("filling", rig.total_mass, 1e3, " g")
+    return Stated("filling", rig.count, 1, " particles")

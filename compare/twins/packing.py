@@ -194,7 +194,7 @@ class PackingEntry(ManyBodyEntry[PackingSettings]):
         rig = self.rig(experiment)
         return [
             Stated("cylinder", rig.cylinder_diameter, 1e3, " mm"),
-            stated_filling(rig, experiment.particle),
+            stated_filling(rig),
         ]
 
     def curves(

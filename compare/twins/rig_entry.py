@@ -32,6 +32,14 @@ class Stated(NamedTuple):
     factor: float
     unit: str
 
+    @property
+    def text(self) -> str:
+        """The value with its unit; whole numbers as they are, empty where nothing is stated."""
+        if self.value is None:
+            return ""
+        size = self.value * self.factor
+        return f"{size:d}{self.unit}" if isinstance(size, int) else f"{size:.4g}{self.unit}"
+
 
 class RigEntry(ABC, Generic[Settings]):
     """A rig as `compare` sees it: what it measures, which twin it has, and what the twin is given.
