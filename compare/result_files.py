@@ -20,6 +20,7 @@ from typing import Any
 
 from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
 from rigtwin.lab.errors import Claimed
+from rigtwin.lab.input_files import LARGEST_TABLE
 from rigtwin.lab.output_files import claimed_folder, remove_leftovers, replacing
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.version import __version__
@@ -68,10 +69,17 @@ def _figures_before(folder: Path, contents: Mapping[str, str | bytes]) -> Iterat
     for listed in contents:
         if not re.fullmatch(rf"{FIGURES}/[\w-]+-captions\.csv", listed):
             continue
-        with suppress(OSError, ValueError, KeyError), (folder / listed).open(encoding="utf-8", newline="") as file:
-            for row in csv.DictReader(file):
-                if re.fullmatch(r"[\w-][\w.-]*", row["figure"]):
-                    yield from (f"{FIGURES}/{row['figure']}.{ending}" for ending in ("svg", "png", "csv"))
+        for name in listed_figures(folder / listed):
+            yield from (f"{FIGURES}/{name}.{ending}" for ending in ("svg", "png", "csv"))
+
+
+def listed_figures(captions: Path) -> dict[str, str]:
+    """Names and captions in the list of the figures of a page; empty if there is none or it is not of ours."""
+    with suppress(OSError, ValueError, KeyError, csv.Error):
+        if captions.stat().st_size <= LARGEST_TABLE:
+            rows = list(csv.DictReader(captions.read_text(encoding="utf-8").splitlines()))
+            return {row["figure"]: row["caption"] for row in rows if re.fullmatch(r"[\w-][\w.-]*", row["figure"])}
+    return {}
 
 
 def write_in_turn(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, Path]:

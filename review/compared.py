@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from rigtwin.compare.result_files import FIGURES
+from rigtwin.compare.result_files import FIGURES, listed_figures
 from rigtwin.lab.formatting import percent, reading, siblings, title
 from rigtwin.lab.input_files import LARGEST_TABLE
 
@@ -59,17 +58,14 @@ def figures(folder: Path) -> list[dict[str, Any]]:
     """
     found = []
     for page, words in PAGES.items():
-        with suppress(OSError, ValueError, LookupError, TypeError, csv.Error):  # none, or not of ours
-            listed = result_file(folder, f"{FIGURES}/{page}-captions.csv")
-            if listed.stat().st_size > LARGEST_TABLE:
-                continue
-            rows = list(csv.DictReader(listed.read_text(encoding="utf-8").splitlines()))
-            names = [f"{FIGURES}/{row['figure']}.svg" for row in rows]
-            for name in names:
-                result_file(folder, name)
-            pictures = [{"file": name, "caption": row["caption"]} for name, row in zip(names, rows, strict=True)]
-            found.append({"title": words, "pictures": pictures})
-    return [page for page in found if page["pictures"]]
+        with suppress(LookupError):  # no list, or a figure of it is gone
+            captions = listed_figures(result_file(folder, f"{FIGURES}/{page}-captions.csv"))
+            pictures = [{"file": f"{FIGURES}/{name}.svg", "caption": caption} for name, caption in captions.items()]
+            for picture in pictures:
+                result_file(folder, picture["file"])
+            if pictures:
+                found.append({"title": words, "pictures": pictures})
+    return found
 
 
 def comparison(lab: Path) -> dict[str, Any]:
