@@ -13,7 +13,7 @@ import pytest
 
 from rigtwin.lab.file.lab_file import read_lab
 from rigtwin.lab.reference.bibliography import reference
-from rigtwin.lab.version import __version__
+from rigtwin.lab.version import RELEASED, __version__
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("lab", "measure", "sim", "compare", "review", "commands")
@@ -85,7 +85,8 @@ def test_the_citation_file_is_that_of_this_version():
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     keys = dict(re.findall(r"^([\w-]+): *(.*)$", text, re.MULTILINE))
     assert {"cff-version", "message", "title", "authors", "version", "license"} <= set(keys)  # what the format demands
-    assert keys["version"] == __version__
+    assert (keys["version"], keys["date-released"].strip('"')) == (__version__, RELEASED)
+    assert f"\n## {__version__} ({RELEASED})\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert keys["title"].strip('"') == reference("rigtwin").fields["title"]
     assert reference("hlosta2020").fields["doi"] in text
     for last, first in reference("hlosta2020").authors:

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
-from rigtwin.lab.version import __version__
+from rigtwin.lab.version import RELEASED, __version__
 
 SOFTWARE = "rigtwin"
 """Key of rigtwin itself."""
-YEAR = "2026"  # of the present version
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ def _software() -> str:
     fields = {
         "author": "{The rigtwin authors}",
         "title": "rigtwin: granular-material experiments measured from media, and their digital twins",
-        "year": YEAR,
+        "year": RELEASED[:4],
         "version": __version__,
         "note": "MIT licence",
     }
