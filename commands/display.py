@@ -133,7 +133,8 @@ def show_twin(twin: Twin, out: Path, as_json: bool, quiet: bool) -> None:
     if quiet:
         return
     console = _console()
-    _show_quantities(console, f"twin of the {twin.rig}", twin.evaluation.quantities)
+    rig = "custom rig" if twin.rig == "custom" else twin.rig
+    _show_quantities(console, f"twin of the {rig}", twin.evaluation.quantities)
     for assumption in twin.assumptions:  # what is given is among them
         console.print(f"[dim]taken:[/dim] {escape(assumption)}")
     if twin.cost:

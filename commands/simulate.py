@@ -15,6 +15,7 @@ from rigtwin.commands.options import (
     Command,
     Device,
     Force,
+    Outside,
     Seed,
     Stiffness,
     Threads,
@@ -116,30 +117,41 @@ def bulk(*, wall: str, count: int | None = None) -> Callable[[Command], Command]
         "static_friction": (StaticFriction, None),
         "rolling_friction": (RollingFriction, None),
         **({} if count is None else {"count": (Count, count)}),
-        "seed": (Seed, 1),
-        "stiffness_factor": (Stiffness, 1e-3),
-        "time_step_fraction": (TimeStep, 0.3),
-        "force": (Force, False),
-        "rolling_model": (RollingModel, "C"),
-        "contact_law": (ContactLaw, "Hertz-Mindlin"),
-        "impact_speed": (ImpactSpeed, None),
-        "threads": (Threads, None),
-        "device": (Device, "cpu"),
-        "checkpoint": (Kept, None),
-        "trajectory": (Filmed, None),
+        **NUMERIC,
     }
     casting = ("particle", "wall", "lab", "restitution", "static_friction", "rolling_friction")
 
     def gather(**said: Any) -> Callable[[], tuple[Any, dict[str, Any]]]:
-        asked = {name: value for name, value in said.items() if name not in casting}
-        asked["rolling"] = rolling_law(asked.pop("rolling_model"))
-        asked["forced"] = asked.pop("force")
-        only_with("--contact-law", asked["contact_law"], {"--impact-speed": (asked["impact_speed"], "linear")})
-        if asked["impact_speed"] is None:
-            del asked["impact_speed"]
+        asked = _numerics(**{name: value for name, value in said.items() if name not in casting})
         return lambda: (cast_of(**{name: said[name] for name in casting}), asked)
 
     return gathered("run", options, gather)
+
+
+NUMERIC: dict[str, tuple[Any, Any]] = {
+    "seed": (Seed, 1),
+    "stiffness_factor": (Stiffness, 1e-3),
+    "time_step_fraction": (TimeStep, 0.3),
+    "force": (Force, False),
+    "rolling_model": (RollingModel, "C"),
+    "contact_law": (ContactLaw, "Hertz-Mindlin"),
+    "impact_speed": (ImpactSpeed, None),
+    "threads": (Threads, None),
+    "device": (Device, "cpu"),
+    "checkpoint": (Kept, None),
+    "trajectory": (Filmed, None),
+}
+"""Options of every twin of many particles that say how it is computed."""
+
+
+def _numerics(**asked: Any) -> dict[str, Any]:
+    """What `NUMERIC` gives, and options beside it, as keywords of a twin."""
+    asked["rolling"] = rolling_law(asked.pop("rolling_model"))
+    asked["forced"] = asked.pop("force")
+    only_with("--contact-law", asked["contact_law"], {"--impact-speed": (asked["impact_speed"], "linear")})
+    if asked["impact_speed"] is None:
+        del asked["impact_speed"]
+    return asked
 
 
 def only_with(choice: str, chosen: str, given: Mapping[str, tuple[Any, str]]) -> None:
@@ -567,3 +579,100 @@ def simulate_hopper(
 
     waits: dict[str, Any] = {"fill_limit": fill_limit, "settle_limit": settle_limit}
     return partial(hopper_twin, rig, cast, duration=duration, **waits, **asked)
+
+
+def _box(text: str) -> Any:
+    """A box from "x,y,z..x,y,z", as lab.toml states it."""
+    from rigtwin.lab.errors import BadInput
+
+    low, dots, high = text.partition("..")
+    corners = [[one.strip() for one in corner.split(",")] for corner in (low, high)]
+    if not dots or any(len(corner) != 3 for corner in corners):
+        raise BadInput(f"{text!r} is no box; write two corners like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
+    return {"low": corners[0], "high": corners[1]}
+
+
+@app.command(
+    "custom", epilog="Example: rigtwin simulate custom --stl cup.stl --fill=-20mm,-20mm,5mm..20mm,20mm,80mm --count 200"
+)
+@simulated("custom")
+@gathered("run", NUMERIC, _numerics)
+def simulate_custom(
+    *,
+    lab: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[LAB]",
+            help="A lab.toml or its folder: the rig under [rigs.NAME]; with --stl only its particles and contacts.",
+        ),
+    ] = None,
+    rig: Annotated[str | None, option("--rig", "NAME", "Which rig of LAB, where it has several.")] = None,
+    stl: Annotated[
+        list[Path] | None,
+        typer.Option("--stl", metavar="FILE", help="In place of a rig of LAB: a wall at rest; may be repeated."),
+    ] = None,
+    stl_unit: Annotated[
+        Literal["mm", "cm", "m", "um", "inch"] | None, typer.Option(help="In which --stl is; mm.", show_default=False)
+    ] = None,
+    fill: Annotated[
+        Any,
+        option("--fill", "X,Y,Z..X,Y,Z", "Box in which particles are placed, clear of walls; needed by --stl.", _box),
+    ] = None,
+    region: Annotated[
+        Any,
+        option("--region", "X,Y,Z..X,Y,Z", "Box in which particles are counted and the bed height is taken.", _box),
+    ] = None,
+    particle: Annotated[str | None, option("--particle", "NAME", "In place of the rig's; with --stl D6.")] = None,
+    wall: Annotated[str | None, option("--wall", "NAME", "Material, in place of the rig's; with --stl steel.")] = None,
+    count: Annotated[
+        int | None, typer.Option("--count", min=1, max=MOST_PARTICLES, help="In place of the rig's; with --stl 500.")
+    ] = None,
+    pour_rate: Annotated[
+        float | None,
+        quantity("--pour-rate", "rate", "400/s", "Particles per second; all at once where none is stated."),
+    ] = None,
+    duration: Annotated[
+        float | None, quantity("--duration", "time", "2s", "Longest simulated time, in place of the rig's; 2 s.")
+    ] = None,
+    end: Annotated[
+        Literal["time", "at rest", "empty"] | None,
+        typer.Option(help="End early: as all particles rest, or as all have left; with --stl at rest."),
+    ] = None,
+    allow_outside: Outside = False,
+    run: Run,
+) -> Work:
+    """A rig of your own: walls from STL files, at rest or moving (docs/own_rigs.md)."""
+    from rigtwin.compare.twins.twin import stated
+    from rigtwin.lab.errors import BadInput
+    from rigtwin.lab.file.own_rigs import read_own_rig, rig_of_keys
+
+    regions = None if region is None else {"region": region}
+    keys = stated(
+        regions=regions,
+        fill=fill,
+        particle=particle,
+        wall=wall,
+        count=count,
+        pour_rate=pour_rate,
+        duration=duration,
+        end=end,
+    )
+    if stl:
+        if rig is not None:
+            raise BadInput("--rig and --stl both say which walls there are; leave one of them out.")
+        if fill is None:
+            raise BadInput("--fill: --stl needs it: two corners of a box, like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
+        names = {f"{file.stem}" if len(stl) == len({one.stem for one in stl}) else str(file): file for file in stl}
+        walls = {name: {"stl": str(file), "stl_unit": stl_unit or "mm"} for name, file in names.items()}
+        usual = {"particle": "D6", "wall": "steel", "count": 500, "end": "at rest"}
+        own = rig_of_keys({**usual, **keys, "walls": walls}, lab)
+    elif lab is None:
+        raise BadInput("simulate custom: name a lab.toml with a rig under [rigs.NAME], or give --stl and --fill.")
+    elif stl_unit is not None:
+        raise BadInput("--stl-unit belongs to --stl; for a rig of a lab.toml state stl_unit there.")
+    else:
+        own = read_own_rig(lab, rig, instead=keys, allow_outside=allow_outside)
+    from rigtwin.compare.twins.custom import cast_of_own, custom_twin
+
+    cast, surfaces = cast_of_own(own)
+    return partial(custom_twin, own.rig, cast, count=own.count, surfaces=surfaces, notes=own.notes, **run)

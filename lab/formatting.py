@@ -51,6 +51,10 @@ TITLES = {
     "discharged_fraction_rate": "Share of the filling that leaves per second",
     "outlet_velocity": "Velocity at the outlet",
     "residue_fraction": "Share of the filling left behind",
+    "particles_inside": "Particles in a region",
+    "mass_inside": "Mass in a region",
+    "particles_discharged": "Discharged particles",
+    "mass_discharged": "Discharged mass",
     "rayleigh_time_step": "Rayleigh's time step",
     "seconds_per_particle": "Computing time per particle",
 }
@@ -93,6 +97,7 @@ def siblings(detail: Mapping[str, object]) -> str:
     ('bounce 1', 'bead B', 'mean, all views')
     """
     words = {"bounce": "bounce {}", "collision": "collision {}", "body": "bead {}", "side": "{}", "view": "view {}"}
+    words["region"] = "{}"
     if detail.get("view") == "all":
         words["view"] = "all views"
     return ", ".join(form.format(detail[name]) for name, form in words.items() if detail.get(name) is not None)

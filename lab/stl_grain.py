@@ -6,7 +6,6 @@ volume of the body.  Mass, centre of mass and moments of inertia are those of th
 
 from __future__ import annotations
 
-import io
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rigtwin.lab.clumps import Clump, Vector, apart, principal_axes
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.input_files import decoding, read_bytes
+from rigtwin.lab.stl import stl_facets
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
 
     Facets = npt.NDArray[np.intp]  # shape (n, 3), numbers of corners
 
-LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
-MOST_FACETS = 100_000  # the filling takes about 10 s with so many; scans are simplified before
 MOST_SPHERES = 300  # of one clump; a heap of 1000 such particles has as many spheres as the engine takes in an hour
 STL_SPHERES = 24  # where nothing is said: as many as the paper's clump of a cube with the calibrated parameters
 THICKER = 1.0  # times the radius of its largest sphere inside, by which spheres may be enlarged to the volume of a body
@@ -69,26 +66,7 @@ def read_stl(path: Path, unit: float) -> Trimesh:
 
     Raises `BadInput` if the file cannot be read, has too many facets, or is not one closed body.
     """
-    import numpy as np
-    import trimesh
-
-    advice = "give a closed body as STL, binary or text"
-    content = read_bytes(path, advice=advice, largest=LARGEST_STL)
-    with decoding(path, "STL", advice, refuse=BadInput), np.errstate(all="ignore"):
-        mesh = trimesh.load_mesh(io.BytesIO(content), file_type="stl")
-    if not (isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)):
-        raise BadInput(f"{path}: holds no facets; {advice}.")
-    if len(mesh.faces) > MOST_FACETS:
-        raise BadInput(
-            f"{path}: has {len(mesh.faces)} facets, and at most {MOST_FACETS} are read; simplify the mesh (MeshLab: "
-            "quadric edge collapse decimation)."
-        )
-    if not np.isfinite(mesh.vertices).all():
-        raise BadInput(f"{path}: has corners that are not finite numbers; export it again.")
-    length = float(np.max(mesh.extents))
-    if not length > 0:
-        raise BadInput(f"{path}: all its corners are at one place; export it again.")
-    mesh.vertices *= unit
+    mesh = stl_facets(path, unit, "give a closed body as STL, binary or text")
     check_body(mesh, str(path))
     return mesh
 

@@ -48,14 +48,19 @@ def contact(
     restitution: float | None = None,
     static_friction: float | None = None,
     rolling_friction: float | None = None,
+    options: bool = True,
 ) -> Contact:
-    """A contact; each parameter is taken from the option, else from the model, else from the published reference."""
+    """A contact; each parameter is taken from the option, else from the model, else from the published reference.
+
+    `options` says whether there are such options to name in a refusal.
+    """
     known = KnownContact(restitution, static_friction, rolling_friction).filled(model.known_contact(a, b))
     with suppress(BadInput):  # the pair is not published
         known = known.filled(hlosta2020.contact(a, b))
     if gaps := known.missing(needs):
         raise BadInput(
-            f"the {gaps[0].replace('_', ' ')} of the contact {a}-{b} is not known; give it as an option, or under "
-            f"[contacts.{a}-{b}] in the lab.toml of --lab."
+            f"the {gaps[0].replace('_', ' ')} of the contact {a}-{b} is not known; give it "
+            f"{'as an option, or ' if options else ''}under [contacts.{a}-{b}] in the lab.toml"
+            f"{' of --lab' if options else ''}."
         )
     return known.complete(needs)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from rigtwin.compare.twins.rig_entry import RigEntry, Settings, Stated
 from rigtwin.compare.twins.run_warnings import spoilt
 from rigtwin.compare.twins.twin import Twin, settings_of
+from rigtwin.lab.custom_rig import CustomRig
 from rigtwin.lab.errors import BadInput, TwinLacks
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.quantity import Evaluation, doubted
@@ -51,7 +52,7 @@ class Cast(NamedTuple):
 
 def bulk_twin(
     name: str,
-    rig: Rig,
+    rig: Rig | CustomRig,
     cast: Cast,
     run: Any,
     evaluation: Evaluation,

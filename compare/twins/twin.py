@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.compare import result_files
+from rigtwin.lab.custom_rig import CustomRig
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Evaluation, Quantity, Readable
@@ -99,7 +100,7 @@ def stated(**settings: Any) -> dict[str, Any]:
 
 
 def settings_of(
-    rig: Rig,
+    rig: Rig | CustomRig,
     particle: Particle,
     contacts: dict[str, Contact],
     *,

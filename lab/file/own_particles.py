@@ -23,9 +23,9 @@ from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
 from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has, sized
 from rigtwin.lab.size_distributions import Law, Sizes, listed, lognormal, normal, sieved, uniform
+from rigtwin.lab.stl import STL_UNITS
 from rigtwin.lab.stl_grain import SphereFilling, filled_file
 
-UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
 SHAPES = ("diameter", "spheres", "stl")  # keys of which a particle has one
 NEEDED: dict[Law, tuple[str, str]] = {
     "list": ("diameters", "shares"),
@@ -141,7 +141,7 @@ def filling_in_words(name: str, entry: ParticleEntry, folder: Path) -> str:
 
 def _filling(entry: ParticleEntry, folder: Path) -> SphereFilling:
     assert entry.stl is not None
-    return filled_file(folder / entry.stl, UNITS[entry.stl_unit], spheres=entry.stl_spheres, error=entry.stl_error)
+    return filled_file(folder / entry.stl, STL_UNITS[entry.stl_unit], spheres=entry.stl_spheres, error=entry.stl_error)
 
 
 def _shape(entry: ParticleEntry, folder: Path, allow_outside: bool) -> Clump | None:

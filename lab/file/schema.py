@@ -21,6 +21,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from rigtwin.lab import camera
+from rigtwin.lab.custom_rig import DURATION, INTERVAL
 from rigtwin.lab.drum_flow import FILL
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
@@ -320,6 +321,32 @@ def _gyration(value: Any) -> tuple[float, ...]:
     return found
 
 
+def _vector(dimension: str, example: list[Any]) -> Any:
+    """Three quantities of a dimension."""
+
+    def parse(value: Any) -> tuple[float, ...]:
+        if not (isinstance(value, list) and len(value) == 3):
+            raise BadInput(
+                f"{value!r} is not a list of three numbers, along x, y and z; write it like {toml(example)}."
+            )
+        found = tuple(si(one, dimension) for one in value)
+        if dimension == "length" and max(map(abs, found)) > LONGEST:
+            hint = "; a bare number is in m, write it with its unit" if any(map(_is_bare, value)) else ""
+            raise BadInput(f"{toml(value)} is out of range; no length is larger than {LONGEST:g} m{hint}.")
+        return found
+
+    return _edge(parse, partial(InSi, dimension=dimension))
+
+
+def _direction(value: Any) -> tuple[float, ...]:
+    if not (isinstance(value, list) and len(value) == 3):
+        raise BadInput(f"{value!r} is not a direction; write it like [0, 0, 1].")
+    found = tuple(si(one, "number") for one in value)
+    if not any(found):
+        raise BadInput("a direction of three zeros points nowhere; write it like [0, 0, 1].")
+    return found
+
+
 def _columns(value: Any) -> Mapping[str, tuple[str, str]]:
     return parse_columns(_text(value, "t=time[ms],x=cx,y=cy"), name="value")
 
@@ -374,6 +401,17 @@ Flank = camera.Flank
 Board = Annotated[camera.Board, _edge(_board)]
 Views = Annotated[list[str], _edge(_views)]
 Name = Annotated[str, Field(min_length=1)]
+StlUnit = Literal["mm", "cm", "m", "um", "inch"]
+Vector = tuple[float, float, float]
+LOW: list[Any] = ["-30 mm", "-30 mm", "50 mm"]
+HIGH: list[Any] = ["30 mm", "30 mm", "120 mm"]
+Place = Annotated[Vector, _vector("length", LOW)]
+Velocity = Annotated[Vector, _vector("speed", [0, 0, "20 mm/s"])]
+Direction = Annotated[Vector, _edge(_direction)]
+Instant = Annotated[float, _quantity("time", 0, open_low=False)]
+Span = Annotated[float, _quantity("time", 0)]
+PourRate = Annotated[float, _quantity("rate", 0)]
+Fall = Annotated[float, _quantity("speed", 0, open_low=False)]
 
 
 class _Entry(BaseModel):
@@ -461,9 +499,7 @@ class ParticleEntry(_Entry):
         examples=["grain.stl"],
         description="closed surface of one particle, in place of which a clump of spheres is simulated",
     )
-    stl_unit: Literal["mm", "cm", "m", "um", "inch"] = Field(
-        default="mm", description="in which the numbers of the STL file are"
-    )
+    stl_unit: StlUnit = Field(default="mm", description="in which the numbers of the STL file are")
     stl_spheres: Clumped | None = Field(
         default=None,
         examples=[24],
@@ -478,6 +514,101 @@ class ParticleEntry(_Entry):
         default=None,
         examples=[{"law": "normal", "mean": "6 mm", "standard_deviation": "0.5 mm"}],
         description="sizes, in place of diameter, under [particles.NAME.size_distribution]; a clump is scaled to them",
+    )
+
+
+class RegionEntry(_Entry):
+    """A part of a rig of your own: a box, or the upright cylinder that touches its four sides."""
+
+    low: Place = Field(examples=[LOW], description="corner with the smallest x, y and z")
+    high: Place = Field(examples=[HIGH], description="corner with the largest x, y and z")
+    shape: Literal["box", "cylinder"] = Field(
+        default="box", description='"cylinder": upright, as wide as the box, which is then square'
+    )
+
+
+class WallEntry(_Entry):
+    """A wall of a rig of your own; all its motions act together, from start to stop."""
+
+    stl: Name = Field(examples=["drum.stl"], description="its surface, closed or not, in the axes of the rig, z up")
+    stl_unit: StlUnit = Field(default="mm", description="in which the numbers of the STL file are")
+    material: Name | None = Field(
+        default=None, examples=["PMMA"], description="its material, where it is not the rig's `wall`"
+    )
+    velocity: Velocity | None = Field(default=None, examples=[[0, 0, "20 mm/s"]], description="of a translation")
+    rotation_speed: Turning | None = Field(
+        default=None, examples=["30 rpm"], description="of a rotation, right-handed about rotation_axis"
+    )
+    rotation_axis: Direction | None = Field(
+        default=None, examples=[[0, 1, 0]], description="its direction; by default z"
+    )
+    rotation_point: Place | None = Field(
+        default=None,
+        examples=[[0, 0, "40 mm"]],
+        description="a point of the axis, which moves with the wall; by default the origin",
+    )
+    vibration_amplitude: Place | None = Field(
+        default=None, examples=[[0, 0, "0.5 mm"]], description="of a vibration, a sin(2 pi f t) from start"
+    )
+    vibration_frequency: Rate | None = Field(default=None, examples=["50 Hz"], description="of the vibration")
+    start: Instant = Field(default=0.0, examples=["0.5 s"], description="of the motion, from the begin of the run")
+    stop: Span | None = Field(default=None, examples=["3 s"], description="of the motion; by default it goes on")
+    belt: Annotated[bool, _edge(_flag)] = Field(
+        default=False, examples=[True], description="the surface moves and the shape stays, as of a conveyor belt"
+    )
+    removed: Span | None = Field(
+        default=None, examples=["0.5 s"], description="when the wall is taken away, as the slide of an outlet"
+    )
+
+
+class CustomRigEntry(_Entry):
+    """A rig of your own for `rigtwin simulate custom` (own_rigs.md): STL walls, and particles filled in between."""
+
+    particle: Name = Field(examples=["D6"], description="a particle of this file or of the reference")
+    wall: Name = Field(examples=["steel"], description="material of its walls")
+    walls: dict[str, WallEntry] = Field(
+        min_length=1,
+        examples=[{"cup": {"stl": "cup.stl"}}],
+        description="its walls by name, each under [rigs.NAME.walls.WALL]",
+    )
+    fill: RegionEntry = Field(
+        examples=[{"low": LOW, "high": HIGH}],
+        description="where particles are placed, clear of walls and of each other",
+    )
+    count: Count | None = Field(default=None, description="number of particles; or total_mass")
+    total_mass: Mass | None = Field(default=None, examples=["85 g"], description="of all particles; or count")
+    pour_rate: PourRate | None = Field(
+        default=None,
+        examples=["400/s"],
+        description="particles per second; by default all at once, those without room as soon as there is some",
+    )
+    pour_speed: Fall = Field(default=0.0, examples=["0.2 m/s"], description="downwards, of particles with a pour_rate")
+    duration: Span = Field(default=DURATION, examples=["2 s"], description="simulated time, at most")
+    end: Literal["time", "at rest", "empty"] = Field(
+        default="time",
+        description='"at rest": ends as all particles rest and no wall is about to move; "empty": as all have left',
+    )
+    interval: Span = Field(
+        default=INTERVAL, examples=["20 ms"], description="between two entries of the tables over time"
+    )
+    low: Place | None = Field(
+        default=None,
+        examples=[["-60 mm", "-60 mm", "-20 mm"]],
+        description=(
+            "corner of the domain; particles that leave it are counted and removed. By default two particle diameters "
+            "beyond walls and fill"
+        ),
+    )
+    high: Place | None = Field(
+        default=None, examples=[["60 mm", "60 mm", "150 mm"]], description="opposite corner of the domain"
+    )
+    regions: dict[str, RegionEntry] = Field(
+        default={},
+        examples=[{"cup": {"low": LOW, "high": HIGH}}],
+        description=(
+            "where particles are counted and the bed height is taken, each under [rigs.NAME.regions.REGION]; by "
+            "default the domain"
+        ),
     )
 
 
@@ -948,6 +1079,7 @@ class LabFile(_Entry):
     materials: dict[str, MaterialEntry] = {}
     particles: dict[str, ParticleEntry] = {}
     contacts: dict[str, ContactEntry] = {}
+    rigs: dict[str, CustomRigEntry] = {}
     uncertainty: UncertaintyEntry = UncertaintyEntry()
     experiments: list[Annotated[ExperimentEntry, Field(discriminator="rig")]] = []
 
@@ -964,6 +1096,7 @@ _SECTIONS: dict[str, type[_Entry]] = {
     "materials": MaterialEntry,
     "particles": ParticleEntry,
     "contacts": ContactEntry,
+    "rigs": CustomRigEntry,
     "uncertainty": UncertaintyEntry,
 }
 _EXPERIMENTS: dict[str, type[_ExperimentEntry]] = {
@@ -1104,6 +1237,8 @@ def _section(parent: Key) -> type[_Entry]:
         return tables.get((*parent, "")[3]) or _EXPERIMENTS[str(parent[2])]
     if parent[0] == "particles" and parent[2:] == ("size_distribution",):
         return SizesEntry
+    if parent[0] == "rigs" and len(parent) > 2:
+        return WallEntry if parent[2] == "walls" else RegionEntry
     return _SECTIONS.get(str(parent[0]), LabFile)
 
 

@@ -77,9 +77,12 @@ def surface(centres: Array, radii: Array, diameter: float) -> Array:
     """Height [m] of the uppermost sphere over points spread evenly over a round base; 0 without a sphere."""
     x = (np.arange(SURFACE_POINTS) + 0.5) / SURFACE_POINTS * diameter - diameter / 2
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
-    points = points[np.hypot(*points.T) < diameter / 2]
+    return surface_over(points[np.hypot(*points.T) < diameter / 2], centres, radii, diameter / SURFACE_POINTS)
+
+
+def surface_over(points: Array, centres: Array, radii: Array, pitch: float) -> Array:
+    """Height [m] of the uppermost sphere over `points` [m], shape (n, 2), `pitch` [m] apart; 0 without a sphere."""
     height = np.zeros(len(points))
-    pitch = diameter / SURFACE_POINTS
     for part in np.array_split(np.arange(len(points)), max(1, len(points) * len(centres) // 4_000_000)):
         low = points[part].min(axis=0) - radii.max(initial=0.0) - pitch
         high = points[part].max(axis=0) + radii.max(initial=0.0) + pitch

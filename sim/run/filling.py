@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -76,6 +76,28 @@ class Outlet:
     def settings(self) -> dict[str, Any]:
         """Settings that decide the outcome of a run, without the wording."""
         return {name: value for name, value in asdict(self).items() if name != "rate_from"}
+
+    def draw(self, diameter: float, rng: np.random.Generator) -> Array:
+        """A random place [m] in the layer above the opening for a particle of this `diameter` [m]."""
+        reach = (self.diameter - diameter) / 2
+        distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
+        height = self.height + (self.slab + diameter) * rng.random()
+        return np.array([distance * math.cos(angle), distance * math.sin(angle), height])
+
+
+class Source(Protocol):
+    """Where particles are poured: an outlet, or a region."""
+
+    @property
+    def height(self) -> float: ...  # [m], of its lowest place
+    @property
+    def rate(self) -> float: ...  # [1/s]
+    @property
+    def speed(self) -> float: ...  # [m/s], downwards
+
+    def draw(self, diameter: float, rng: np.random.Generator) -> Array | None:
+        """A random place [m] for a particle of this `diameter` [m]; None where it would touch a wall."""
+        ...
 
 
 def outlet(particle: Particle, diameter: float, height: float, rate: float | None, least: float) -> Outlet:
@@ -214,33 +236,38 @@ def rain(
     `above` returns the outlet at its present height, and the centres [m], shape (n, 3), that new particles avoid.
     """
     steps = max(1, round(LOOK / bulk.time_step))
-    sizes = course.sizes(count, particle)
     while course.placed < count and course.patience < PATIENCE:
         source, occupied = above()
-        due = due_at(source, bulk.time, count) - course.placed
-        wide = np.full(max(due, 0), particle.diameter)
-        radii = np.full(len(occupied), particle.radius)
-        if sizes is not None:
-            grains = bulk.grains()
-            occupied, radii = grains.position, particle.radius * np.cbrt(grains.mass / particle.mass)
-            wide = particle.diameter * sizes[course.placed : course.placed + max(due, 0)]
-        new = places(occupied, radii, source, wide, course.random)
-        turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
-        scale = None if sizes is None else sizes[course.placed : course.placed + len(new)]
-        bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn, scale=scale)
-        course.patience = 0 if len(new) or due <= 0 else course.patience + 1
-        course.placed += len(new)
+        pour(bulk, course, source, occupied, particle, count)
         logbook.run(steps)
         logbook.look(course.kept())
         progress("pouring", course.placed, count)
 
 
-def due_at(source: Outlet, time: float, count: int) -> int:
+def pour(bulk: Bulk, course: Course, source: Source, occupied: Array, particle: Particle, count: int) -> None:
+    """Add the particles of `count` that are due in the interval from now on, clear of centres `occupied` [m]."""
+    sizes = course.sizes(count, particle)
+    due = due_at(source, bulk.time, count) - course.placed
+    wide = np.full(max(due, 0), particle.diameter)
+    radii = np.full(len(occupied), particle.radius)
+    if sizes is not None:
+        grains = bulk.grains()
+        occupied, radii = grains.position, particle.radius * np.cbrt(grains.mass / particle.mass)
+        wide = particle.diameter * sizes[course.placed : course.placed + max(due, 0)]
+    new = places(occupied, radii, source, wide, course.random)
+    turn = None if particle.shape is None else course.random.normal(size=(len(new), 4))
+    scale = None if sizes is None else sizes[course.placed : course.placed + len(new)]
+    bulk.add(new, np.array([0.0, 0.0, -source.speed]), turn=turn, scale=scale)
+    course.patience = 0 if len(new) or due <= 0 else course.patience + 1
+    course.placed += len(new)
+
+
+def due_at(source: Source, time: float, count: int) -> int:
     """Number of the `count` particles that the outlet has poured at the end of the interval from `time` [s]."""
     return min(count, math.ceil(source.rate * (time + LOOK)))
 
 
-def places(occupied: Array, radii: Array, source: Outlet, diameters: Array, rng: np.random.Generator) -> Array:
+def places(occupied: Array, radii: Array, source: Source, diameters: Array, rng: np.random.Generator) -> Array:
     """Positions [m] in the layer above the outlet for the first of particles of these `diameters` [m].
 
     They are clear of each other and of all particles at `occupied`, which have `radii`.
@@ -253,11 +280,8 @@ def places(occupied: Array, radii: Array, source: Outlet, diameters: Array, rng:
         if len(found) == due:
             break
         diameter = float(diameters[len(found)])
-        reach = (source.diameter - diameter) / 2
-        distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
-        height = source.height + (source.slab + diameter) * rng.random()
-        place = np.array([distance * math.cos(angle), distance * math.sin(angle), height])
-        if (((taken - place) ** 2).sum(1) > (CLEAR * (around + diameter / 2)) ** 2).all():
+        place = source.draw(diameter, rng)
+        if place is not None and (((taken - place) ** 2).sum(1) > (CLEAR * (around + diameter / 2)) ** 2).all():
             taken, around = np.vstack([taken, place]), np.append(around, diameter / 2)
             found.append(place)
     return np.array(found).reshape(-1, 3)
@@ -281,17 +305,18 @@ def scattered(
     particle: Particle,
     random: np.random.Generator,
     said: str = "count",
+    thrown: float = THROWN,
 ) -> tuple[Array, Array, Array | None]:
     """Places [m] and velocities [m/s] of particles as `scatter` adds them, both of shape (count, 3), and their sizes.
 
     Sizes are over the largest, None where all are alike.  `said` is the setting that determines `count`, for the error
-    message.
+    message; `thrown` [m/s] the standard deviation of each component of the velocity.
     """
     sizes = _sizes(count, particle, random)
     sites, shift = _sites_of(count, inside, box, particle, sizes)
     if len(sites) < count:
         raise _too_many(count, particle, len(sites), said)
-    return *_shaken(sites[:count], shift, random), sizes
+    return *_shaken(sites[:count], shift, random, thrown), sizes
 
 
 def scatter_in_turns(
@@ -310,25 +335,39 @@ def scatter_in_turns(
     `said` is the setting that determines `count`, for the error message.
     """
     steps = max(1, round(LOOK / bulk.time_step))
-    sizes = course.sizes(count, particle)
     while course.placed < count:
-        taken = bulk.grains().position
-        phase = course.random.random(3) if len(taken) else MIDDLE
-        rest = None if sizes is None else sizes[course.placed :]
-        new, shift = _sites_of(count - course.placed, inside, box, particle, rest, taken, phase)
-        new = new[: count - course.placed]
-        if not len(new) and course.patience == PATIENCE:
-            raise _too_many(count, particle, course.placed, said)
-        if len(new):
-            places, velocities = _shaken(new, shift, course.random)
-            scale = None if rest is None else rest[: len(new)]
-            bulk.add(places, velocities, turn=turns_of(len(new), particle, course.random), scale=scale)
-        course.patience = 0 if len(new) else course.patience + 1
-        course.placed += len(new)
+        scatter_some(bulk, course, count, inside, box, particle, said)
         if course.placed < count:
             logbook.run(steps)
             logbook.look(course.kept())
             progress("filling", course.placed, count)
+
+
+def scatter_some(
+    bulk: Bulk,
+    course: Course,
+    count: int,
+    inside: Inside,
+    box: tuple[Array, Array],
+    particle: Particle,
+    said: str = "count",
+    thrown: float = THROWN,
+) -> None:
+    """Add those of `count` particles for which there is room now; the arguments are those of `scatter_in_turns`."""
+    sizes = course.sizes(count, particle)
+    taken = bulk.grains().position
+    phase = course.random.random(3) if len(taken) else MIDDLE
+    rest = None if sizes is None else sizes[course.placed :]
+    new, shift = _sites_of(count - course.placed, inside, box, particle, rest, taken, phase)
+    new = new[: count - course.placed]
+    if not len(new) and course.patience == PATIENCE:
+        raise _too_many(count, particle, course.placed, said)
+    if len(new):
+        places, velocities = _shaken(new, shift, course.random, thrown)
+        scale = None if rest is None else rest[: len(new)]
+        bulk.add(places, velocities, turn=turns_of(len(new), particle, course.random), scale=scale)
+    course.patience = 0 if len(new) else course.patience + 1
+    course.placed += len(new)
 
 
 def _sites_of(
@@ -412,11 +451,11 @@ def _sites(
     return sites[np.argsort(sites[:, 2], kind="stable")], shift
 
 
-def _shaken(sites: Array, shift: Array, random: np.random.Generator) -> tuple[Array, Array]:
-    """Places [m] near the sites, and velocities [m/s]."""
+def _shaken(sites: Array, shift: Array, random: np.random.Generator, thrown: float) -> tuple[Array, Array]:
+    """Places [m] near the sites, and velocities [m/s], of standard deviation `thrown` in each component."""
     far = shift[: len(sites), None]
     places = sites + random.uniform(-far, far, sites.shape) / np.sqrt(3)
-    return places, random.normal(0, THROWN, sites.shape)
+    return places, random.normal(0, thrown, sites.shape)
 
 
 def turns_of(count: int, particle: Particle, random: np.random.Generator) -> Array | None:

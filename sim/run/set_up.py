@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.custom_rig import CustomRig
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import ContactLaw, Rolling
     from rigtwin.sim.engine.device import Device
     from rigtwin.sim.engine.effect_terms import Active
-    from rigtwin.sim.engine.walls.shapes import Shape
+    from rigtwin.sim.engine.walls.shapes import Shape, Wall
     from rigtwin.sim.run.run_log import Logbook
 
 
@@ -52,7 +53,7 @@ class Numerics(TypedDict, total=False):
 class Bench:
     """A rig, its particles and walls, and the numerical settings."""
 
-    rig: Rig
+    rig: Rig | CustomRig
     particle: Particle
     wall: Material
     contact: Contact
@@ -125,20 +126,33 @@ class Bench:
 
         `static_friction` is that of single walls, by their number, where it is not that of `wall_contact`.
         """
-        from rigtwin.sim.engine.bulk.bulk import SKIN, Bulk
         from rigtwin.sim.engine.walls.shapes import Wall
 
-        (x, y, z), (to_x, to_y, to_z) = ([float(c) for c in corner] for corner in domain)
         wall = self.wall.softened(self.stiffness_factor)
         contacts = {
             number: replace(self.wall_contact, static_friction=value)
             for number, value in (static_friction or {}).items()
             if value is not None
         }
+        walls = [Wall(shape, wall, contacts.get(number, self.wall_contact)) for number, shape in enumerate(shapes)]
+        return self.bulk_of(walls, domain, skin=skin, open_domain=open_domain)
+
+    def bulk_of(
+        self,
+        walls: Sequence[Wall],
+        domain: tuple[Sequence[float] | Array, Sequence[float] | Array],
+        *,
+        skin: float | None = None,
+        open_domain: bool = True,
+    ) -> Bulk:
+        """As `bulk`, with walls whose materials (softened), contacts and motions differ."""
+        from rigtwin.sim.engine.bulk.bulk import SKIN, Bulk
+
+        (x, y, z), (to_x, to_y, to_z) = ([float(c) for c in corner] for corner in domain)
         return Bulk(
             [self.soft],
             self.contact,
-            [Wall(shape, wall, contacts.get(number, self.wall_contact)) for number, shape in enumerate(shapes)],
+            walls,
             low=(x, y, z),
             high=(to_x, to_y, to_z),
             open_domain=open_domain,

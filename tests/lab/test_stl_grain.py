@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rigtwin.lab import stl_grain
+from rigtwin.lab import stl, stl_grain
 from rigtwin.lab.clumps import mass_properties
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.stl_grain import filled, filled_file, read_stl
@@ -162,7 +162,7 @@ def test_a_sheet_is_no_grain():
         (b"", "STL"),
         (b"solid nothing\nendsolid nothing\n", "STL"),
         (b"not a mesh at all", "STL"),
-        (b"\x00" * 80 + b"\xff\xff\xff\xff" + b"\x00" * 50, "STL"),  # claims four billion facets
+        (b"\x00" * 80 + b"\xff\xff\xff\xff" + b"\x00" * 50, "cut off"),  # claims four billion facets
     ],
 )
 def test_what_is_no_stl_is_refused(tmp_path, content, words):
@@ -184,7 +184,7 @@ def test_more_facets_or_spheres_than_allowed_are_refused(tmp_path, monkeypatch):
     for wrong in ({}, {"spheres": 3, "error": 1e-3}, {"error": -1.0}):
         with pytest.raises(BadInput, match="clump"):
             filled(in_metres(box()), **wrong)
-    monkeypatch.setattr(stl_grain, "MOST_FACETS", 11)
+    monkeypatch.setattr(stl, "MOST_FACETS", 11)
     with pytest.raises(BadInput, match="has 12 facets, and at most 11"):
         read_stl(path, MM)
 
@@ -195,5 +195,27 @@ def test_corners_that_are_no_numbers_are_refused(tmp_path):
         spoilt = re.sub(r"vertex \S+", f"vertex {number}", text, count=1)
         assert spoilt != text
         (tmp_path / "grain.stl").write_text(spoilt)
-        with pytest.raises(BadInput, match=r"finite|not closed"):
+        with pytest.raises(BadInput, match="facet 1 has a corner that is not a finite number"):
             read_stl(tmp_path / "grain.stl", MM)
+
+
+@pytest.mark.parametrize(("bytes_left", "words"), [(300, "after 4 of its 12 facets"), (84, "after 0 of its 12 facets")])
+def test_a_binary_file_that_is_cut_off_is_named_so(tmp_path, bytes_left, words):
+    box().export(tmp_path / "whole.stl")
+    (tmp_path / "grain.stl").write_bytes((tmp_path / "whole.stl").read_bytes()[:bytes_left])
+    with pytest.raises(BadInput, match=f"{words}: it is cut off"):
+        read_stl(tmp_path / "grain.stl", MM)
+
+
+def test_a_text_file_that_is_cut_off_is_named_so(tmp_path):
+    text = trimesh.exchange.stl.export_stl_ascii(box())
+    (tmp_path / "grain.stl").write_text(text[: text.index("endfacet", 600) - 20])
+    with pytest.raises(BadInput, match=r"ends within facet \d+: it is cut off"):
+        read_stl(tmp_path / "grain.stl", MM)
+
+
+def test_bytes_behind_the_last_facet_do_no_harm(tmp_path):
+    box().export(tmp_path / "grain.stl")
+    with (tmp_path / "grain.stl").open("ab") as file:
+        file.write(b"colours of an exporter")
+    assert len(read_stl(tmp_path / "grain.stl", MM).faces) == 12

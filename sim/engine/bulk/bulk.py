@@ -34,6 +34,7 @@ from rigtwin.sim.engine.device import Device
 from rigtwin.sim.engine.effect_terms import Active, Terms, adhesion_of, terms_of
 from rigtwin.sim.engine.time_step import UNSTABLE, positive
 from rigtwin.sim.engine.walls.elements import Vector
+from rigtwin.sim.engine.walls.mesh import Mesh
 from rigtwin.sim.engine.walls.shapes import Motion, Shape, Wall, gaps
 from rigtwin.sim.engine.walls.wall_contacts import THREADS
 from rigtwin.sim.engine.walls.wall_table import KINDS, UNTIL, WANDERS, WallTable, motion_of, motion_row, wall_table
@@ -458,10 +459,14 @@ class Bulk:
         wall = int(np.argmax(way))
         if way[wall] > self._longest_step:
             raise BadInput(
-                f"wall {wall} moves by up to {way[wall] * 1e3:.3g} mm in a step of {self.time_step:.3g} s, more "
-                f"than {STEP_IN_RADII:g} radii of the smallest sphere: spheres could pass through it; "
+                f"{self._wall_name(wall)} moves by up to {way[wall] * 1e3:.3g} mm in a step of {self.time_step:.3g} s, "
+                f"more than {STEP_IN_RADII:g} radii of the smallest sphere: spheres could pass through it; "
                 "let it move more slowly or give a smaller time step."
             )
+
+    def _wall_name(self, wall: int) -> str:
+        shape = self._walls[wall][0].shape
+        return shape.name if isinstance(shape, Mesh) and shape.name != Mesh.name else f"wall {wall}"
 
     def _pair_table(self, contacts: Contact | Mapping[tuple[int, int], Contact]) -> Array:
         table = np.zeros((KINDS, KINDS, LAW_SIZE))

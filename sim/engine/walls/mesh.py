@@ -1,8 +1,8 @@
-"""Walls of triangles: read from a mesh file, checked, and sorted into cells so that a bead tests only near ones.
+"""Walls of triangles: checked, and sorted into cells so that a bead tests only near ones.
 
 ::
 
-    funnel = Mesh.read(Path("funnel.stl"), metres_per_unit=1e-3)
+    funnel = Mesh(stl_facets(Path("funnel.stl"), 1e-3, advice).triangles)
     box = Mesh(corners, closed=True)
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -53,20 +52,6 @@ class Mesh:
                 f"{self.name}: the mesh must be closed, but {open_edges} of its edges do not belong to two triangles; "
                 "repair it, or declare it open."
             )
-
-    @classmethod
-    def read(cls, path: Path, *, metres_per_unit: float, closed: bool = False) -> Mesh:
-        """Read a mesh from an STL, OBJ or PLY file with lengths in units of `metres_per_unit` [m]."""
-        import trimesh
-
-        if not (np.isfinite(metres_per_unit) and metres_per_unit > 0):
-            raise BadInput(f"metres_per_unit must be a positive number, got {metres_per_unit:g}.")
-        try:
-            mesh = trimesh.load_mesh(path)
-            corners = np.asarray(mesh.triangles, dtype=np.float64)
-        except Exception as trouble:  # each of trimesh's readers fails in its own way
-            raise BadInput(f"{path} cannot be read as a mesh ({trouble}); give an STL, OBJ or PLY file.") from None
-        return cls(corners * metres_per_unit, closed, path.name)
 
     @property
     def rows(self) -> Array:

@@ -184,9 +184,10 @@ Shape = Plane | Disc | Annulus | Cylinder | Cone | Plate | SlotPlate | Box | Mes
 
 @dataclass(frozen=True)
 class Motion:
-    """Motion of a wall in closed form: translation and rotation between `start` and `stop`, at rest otherwise.
+    """Motion of a wall in closed form: translation, vibration and rotation between `start` and `stop`, else at rest.
 
-    The axis moves with the translation.  `in_place`: the surface moves but the shape stays, as of a conveyor belt.
+    The vibration adds ``amplitude * sin(2 pi frequency t)``, t from the start.  The axis moves with translation and
+    vibration.  `in_place`: the surface moves but the shape stays, as of a conveyor belt.
     """
 
     velocity: Vector = (0.0, 0.0, 0.0)  # [m/s]
@@ -196,10 +197,15 @@ class Motion:
     start: float = 0.0  # [s]
     stop: float = math.inf  # [s]
     in_place: bool = False
+    amplitude: Vector = (0.0, 0.0, 0.0)  # [m], of the vibration
+    frequency: float = 0.0  # [1/s]
 
     def __post_init__(self) -> None:
-        if not np.isfinite([*self.velocity, self.spin, *self.point, self.start]).all():
-            raise BadInput("wall: velocity, spin, point and start of a motion must be finite numbers.")
+        numbers = (*self.velocity, self.spin, *self.point, self.start, *self.amplitude, self.frequency)
+        if not np.isfinite(numbers).all():
+            raise BadInput(
+                "wall: velocity, spin, point, start, amplitude and frequency of a motion must be finite numbers."
+            )
         if not self.stop > self.start:
             raise BadInput(f"wall: a motion that starts at {self.start:g} s cannot stop at {self.stop:g} s.")
         _unit(self.axis)
@@ -217,15 +223,26 @@ class Motion:
 
     def moved_by(self, time: float) -> bool:
         """Whether the wall has left its initial position at `time` [s]."""
-        return not self.in_place and self.lasted(time) > 0 and (self.spin != 0 or any(self.velocity))
+        moves = self.spin != 0 or any(self.velocity) or self.vibrates
+        return not self.in_place and self.lasted(time) > 0 and moves
+
+    @property
+    def vibrates(self) -> bool:
+        """Whether the wall vibrates."""
+        return self.frequency != 0 and any(self.amplitude)
+
+    def displaced(self, time: float) -> Array:
+        """Displacement [m] of the axis at `time` [s], shape (3,)."""
+        lasted = self.lasted(time)
+        sway = math.sin(2 * math.pi * self.frequency * lasted)
+        return np.asarray(lasted * np.array(self.velocity) + sway * np.array(self.amplitude))
 
     def undone(self, points: Array, time: float) -> Array:
         """Points [m], shape (n, 3), moved back with the wall from `time` [s] to its initial position."""
         if self.in_place:
             return points
-        lasted = self.lasted(time)
         pivot = np.array(self.point)
-        relative: Array = points - pivot - lasted * np.array(self.velocity)
+        relative: Array = points - pivot - self.displaced(time)
         return np.asarray(relative @ self.turned(time) + pivot)
 
     def done(self, points: Array, time: float) -> Array:
@@ -234,7 +251,7 @@ class Motion:
             return points
         pivot = np.array(self.point)
         moved: Array = (points - pivot) @ self.turned(time).T + pivot
-        return np.asarray(moved + self.lasted(time) * np.array(self.velocity))
+        return np.asarray(moved + self.displaced(time))
 
     def turned(self, time: float) -> Array:
         """Rotation matrix at `time` [s], shape (3, 3)."""
@@ -278,17 +295,18 @@ def wandering(shape: Shape, motion: Motion, domain: tuple[Array, Array]) -> floa
     """
     if motion.in_place:
         return 0.0
-    velocity, axis, point = np.array(motion.velocity), np.array(_unit(motion.axis)), np.array(motion.point)
+    axis, point = np.array(_unit(motion.axis)), np.array(motion.point)
+    velocity, sway = np.array(motion.velocity), 2 * math.pi * motion.frequency * np.array(motion.amplitude)
     row = shape.rows[0]
     along = row[elements.AXIS : elements.LOW_RADIUS]
     aligned = bool(np.linalg.norm(np.cross(axis, along)) < 1e-12)
     if isinstance(shape, Plane):
         corners = np.array([[domain[k >> c & 1][c] for c in range(3)] for k in range(8)])
         if aligned or motion.spin == 0:
-            return abs(float(velocity @ along))
+            return abs(float(velocity @ along)) + abs(float(sway @ along))
     elif row[elements.KIND] == elements.ROUND:
         middle = row[elements.POINT : elements.AXIS]
-        if aligned and not velocity.any() and np.linalg.norm(np.cross(middle - point, axis)) < 1e-12:
+        if aligned and not velocity.any() and not sway.any() and np.linalg.norm(np.cross(middle - point, axis)) < 1e-12:
             return 0.0
         one = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
         one /= np.linalg.norm(one)
@@ -298,7 +316,7 @@ def wandering(shape: Shape, motion: Motion, domain: tuple[Array, Array]) -> floa
     else:
         corners = shape.rows[:, elements.POINT :].reshape(-1, 3)
     arm = np.linalg.norm(np.cross(corners - point, axis), axis=1).max()
-    return float(np.linalg.norm(velocity) + abs(motion.spin) * arm)
+    return float(np.linalg.norm(velocity) + np.linalg.norm(sway) + abs(motion.spin) * arm)
 
 
 def _plate(corner: Array, side: Array, other_side: Array) -> Array:

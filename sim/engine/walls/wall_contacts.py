@@ -37,6 +37,8 @@ from rigtwin.sim.engine.walls.wall_table import (
     PIVOT,
     SPIN,
     START,
+    SWAY,
+    SWAY_RATE,
     UNTIL,
     VELOCITY,
     WALLS,
@@ -171,7 +173,7 @@ class WallContacts:
         self.state[thread, w] = STILL
         self.velocity[thread, w] = ti.Vector([0.0, 0.0, 0.0])
         self.spin[thread, w] = ti.Vector([0.0, 0.0, 0.0])
-        if velocity.norm_sqr() + spin.norm_sqr() > 0.0:
+        if velocity.norm_sqr() + spin.norm_sqr() + self.motion[w, SWAY_RATE] > 0.0:
             self.state[thread, w] = MOVES
             lasted = self.time_moving(w, time)
             # mid-step velocities
@@ -179,11 +181,16 @@ class WallContacts:
             if since > 0.0 and since < self.motion[w, LASTS]:
                 self.velocity[thread, w] = velocity
                 self.spin[thread, w] = spin
+                if self.motion[w, SWAY_RATE] > 0.0:
+                    rate = self.motion[w, SWAY_RATE]
+                    self.velocity[thread, w] += rate * ti.cos(rate * since) * self.motion_vector(w, SWAY)
             if (lasted - self.listed_at[w]) * self.motion[w, WANDERS] > leeway:
                 strayed = 1
             if self.motion[w, IN_PLACE] > 0.5:
                 lasted = 0.0
             self.pivot[thread, w] = self.motion_vector(w, PIVOT) + lasted * velocity
+            if self.motion[w, SWAY_RATE] > 0.0:
+                self.pivot[thread, w] += ti.sin(self.motion[w, SWAY_RATE] * lasted) * self.motion_vector(w, SWAY)
             self.turned[thread, w] = rotation(self.motion_vector(w, AXIS), self.motion[w, SPIN] * lasted)
         if time >= self.motion[w, UNTIL]:
             self.state[thread, w] = GONE

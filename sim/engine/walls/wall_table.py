@@ -1,5 +1,6 @@
 """Tables of the walls of a simulation, as `WallContacts` takes them: elements, cells of meshes, motions, laws."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,9 +22,11 @@ ROOM = 16_384  # elements in the smallest table; larger ones grow by factors of 
 CELLS_PER_ELEMENT, ITEMS_PER_ELEMENT = 8, 32
 
 # columns of a table of motions: velocity 3, point 3, axis 3, spin, start, duration, time of removal, whether it moves
-# in place, upper bound of the speed at which the surface moves
-VELOCITY, PIVOT, AXIS, SPIN, START, LASTS, UNTIL, IN_PLACE, WANDERS = 0, 3, 6, 9, 10, 11, 12, 13, 14
-MOTION_SIZE = 15
+# in place, upper bound of the speed at which the surface moves, amplitude of the vibration 3, its angular frequency
+VELOCITY, PIVOT, AXIS, SPIN, START, LASTS, UNTIL, IN_PLACE, WANDERS, SWAY, SWAY_RATE = (
+    0, 3, 6, 9, 10, 11, 12, 13, 14, 15, 18,
+)  # fmt: skip
+MOTION_SIZE = 19
 FAR_OFF = 1e300  # [s], means never
 
 
@@ -36,7 +39,7 @@ class WallTable:
     items: npt.NDArray[np.int32]  # elements listed in the cells
     grid: Array  # per wall: lower corner 3, cells per metre
     grid_shape: npt.NDArray[np.int32]  # per wall: cells along x, y, z, and the first one; zeros: a single cell
-    motion: Array  # shape (walls, 15)
+    motion: Array  # shape (walls, 19)
     law: Array  # shape (kinds, walls, LAW_SIZE)
 
     @cached_property
@@ -103,9 +106,10 @@ def motion_row(moved: Shape, motion: Motion | None, until: float, domain: tuple[
     """Row of the table of motions."""
     motion = motion or Motion()
     lasts = min(motion.stop - motion.start, FAR_OFF)
+    sway, rate = (motion.amplitude, 2 * math.pi * motion.frequency) if motion.vibrates else ((0.0, 0.0, 0.0), 0.0)
     return (
         *motion.velocity, *motion.point, *shape.unit(motion.axis), motion.spin, motion.start, lasts,
-        min(until, FAR_OFF), float(motion.in_place), wandering(moved, motion, domain),
+        min(until, FAR_OFF), float(motion.in_place), wandering(moved, motion, domain), *sway, rate,
     )  # fmt: skip
 
 
@@ -113,4 +117,8 @@ def motion_of(row: Array) -> Motion:
     """Motion from its row in the table."""
     x, y, z, a, b, c, u, v, w = map(float, row[VELOCITY:SPIN])
     spin, start, lasts = map(float, row[SPIN:UNTIL])
-    return Motion((x, y, z), spin, (u, v, w), (a, b, c), start, start + lasts, bool(row[IN_PLACE]))
+    p, q, r, rate = map(float, row[SWAY : SWAY_RATE + 1])
+    frequency = rate / (2 * math.pi)
+    return Motion(
+        (x, y, z), spin, (u, v, w), (a, b, c), start, start + lasts, bool(row[IN_PLACE]), (p, q, r), frequency
+    )

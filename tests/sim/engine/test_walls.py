@@ -7,6 +7,7 @@ import pytest
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.stl import stl_facets
 from rigtwin.sim.engine.bulk import bulk as engine
 from rigtwin.sim.engine.bulk.bulk import Bulk
 from rigtwin.sim.engine.few import few_body
@@ -305,13 +306,10 @@ def test_a_mesh_is_read_from_a_file_and_must_be_closed_if_declared_so(tmp_path):
     import trimesh
 
     trimesh.creation.box((40, 30, 20)).export(tmp_path / "box.stl")
-    mesh = Mesh.read(tmp_path / "box.stl", metres_per_unit=1e-3, closed=True)
+    mesh = Mesh(np.array(stl_facets(tmp_path / "box.stl", 1e-3, "give a box").triangles), closed=True)
     assert area(mesh.corners) == pytest.approx(2 * (0.04 * 0.03 + 0.04 * 0.02 + 0.03 * 0.02), rel=1e-6)
     with pytest.raises(BadInput, match=r"lid: the mesh must be closed, but 3 of its edges"):
         Mesh(mesh.corners[1:], True, "lid")
-    (tmp_path / "not.stl").write_text("no mesh")
-    with pytest.raises(BadInput, match=r"not\.stl"):
-        Mesh.read(tmp_path / "not.stl", metres_per_unit=1e-3)
 
 
 @pytest.mark.parametrize(

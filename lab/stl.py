@@ -1,0 +1,85 @@
+"""Facets of an STL file, binary or text: of a grain that spheres fill, or of a wall."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.input_files import decoding, read_bytes
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
+
+STL_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
+LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
+MOST_FACETS = 100_000  # scans are simplified before; a clump of spheres takes about 10 s with so many
+HEAD, FACET_BYTES = 84, 50  # [bytes], of a binary file: its header with the number of facets, and each facet
+
+
+def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
+    """The facets of an STL file whose lengths are in `unit` [m], corners at one place merged.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    unit : float
+        Length of 1 in the file [m].
+    advice : str
+        What to give instead where it is none, the end of the sentence.
+
+    Returns
+    -------
+    Trimesh
+        In metres, with at least one facet.
+
+    Raises
+    ------
+    BadInput
+        The file cannot be read, ends before its last facet, or has too many facets or corners that are no numbers.
+    """
+    import numpy as np
+    import trimesh
+
+    content = _whole(path, read_bytes(path, advice=advice, largest=LARGEST_STL), advice)
+    with decoding(path, "STL", advice, refuse=BadInput), np.errstate(all="ignore"):
+        mesh = trimesh.load_mesh(io.BytesIO(content), file_type="stl", process=False)
+    if not (isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)):
+        raise BadInput(f"{path}: holds no facets; {advice}.")
+    if len(mesh.faces) > MOST_FACETS:
+        raise BadInput(
+            f"{path}: has {len(mesh.faces)} facets, and at most {MOST_FACETS} are read; simplify the mesh (MeshLab: "
+            "quadric edge collapse decimation)."
+        )
+    wrong = ~np.isfinite(mesh.triangles).all(axis=(1, 2))
+    if wrong.any():
+        raise BadInput(
+            f"{path}: facet {int(wrong.argmax()) + 1} has a corner that is not a finite number; export the file again."
+        )
+    mesh.process(validate=False)
+    if not float(np.max(mesh.extents)) > 0:
+        raise BadInput(f"{path}: all its corners are at one place; export it again.")
+    mesh.vertices *= unit
+    return mesh
+
+
+def _whole(path: Path, content: bytes, advice: str) -> bytes:
+    """The content without what stands behind its last facet.  Raises `BadInput` where the file is cut off."""
+    text = content.lstrip()[:5].lower() == b"solid"
+    if text and re.search(rb"\bfacet\b", content, re.IGNORECASE):
+        facets = len(re.findall(rb"\bendfacet\b", content, re.IGNORECASE))
+        if len(re.findall(rb"\bfacet\b", content, re.IGNORECASE)) > facets:
+            raise BadInput(f"{path}: ends within facet {facets + 1}: it is cut off; copy or export it again.")
+        return content
+    if text and len(content) < HEAD:
+        return content  # an empty solid
+    if len(content) < HEAD:
+        raise BadInput(f"{path}: has {len(content)} bytes, fewer than the head of an STL file; {advice}.")
+    stated = int.from_bytes(content[HEAD - 4 : HEAD], "little")
+    there = (len(content) - HEAD) // FACET_BYTES
+    if stated > there and b"\0" in content:  # else it is text of another kind
+        raise BadInput(f"{path}: ends after {there} of its {stated} facets: it is cut off; copy or export it again.")
+    return content[: HEAD + stated * FACET_BYTES] if stated <= there else content

@@ -1,0 +1,516 @@
+"""Simulation of a rig of the user's own: particles among walls from STL files, at rest or in motion.
+
+The same looks at the particles, `interval` apart, are taken of rigtwin's own run and of one that another code computed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Unpack
+
+import numpy as np
+import numpy.typing as npt
+
+from rigtwin.lab.arrays import Array
+from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.records import Series
+from rigtwin.lab.rigs import GRAVITY
+from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.output.outline import surface, surface_over
+from rigtwin.sim.run import filling
+from rigtwin.sim.run.run_log import History
+from rigtwin.sim.run.set_up import Bench, Numerics
+
+if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
+    from rigtwin.sim.engine.walls.mesh import Mesh
+    from rigtwin.sim.engine.walls.shapes import Motion, Wall
+    from rigtwin.sim.output.replay import Frame
+
+Surfaces = Mapping[str, tuple[Material, Contact]]
+"""Material of walls by their name, and the particle's contact with it."""
+
+THROWN = 0.0  # [m/s], of placed particles: they may fall a long way before they meet a wall
+MARGIN = 2  # [diameters], of the domain beyond walls and fill where none is stated
+POSES = 200  # at which a moving wall is looked at to find the domain: a turn is seen to 1/100 of it
+ACROSS = 100  # points across a region over which the height of the bed is averaged
+STEADY = (0.2, 0.8)  # share of the discharged mass between which the flow counts as steady
+FEWEST = 10  # looks from which a flow is read
+WHOLE = "domain"  # name of the region that is looked at where none is stated
+OVER_TIME = ("particles", "mass")  # columns of a region over time
+
+
+@dataclass(frozen=True)
+class Course:
+    """What happened in a rig of the user's own; z up, times from the begin of the run."""
+
+    series: tuple[Series, ...]  # particles and mass in each region, discharged mass and kinetic energy over time
+    inside: dict[str, tuple[int, float]]  # at the end, by region: particles, mass [kg]
+    bed_heights: dict[str, float]  # [m], at the end, by region: mean height of the uppermost particles above its floor
+    discharged: tuple[int, float]  # particles and mass [kg] that left through the lower side of the domain
+    escaped: tuple[int, float]  # the same through another side
+    mass_flow_rate: float | None  # [kg/s], of the discharge, its steady part; None where there is none
+    asked: int
+    placed: int
+    at_rest: bool
+    centres: Array  # [m], shape (n, 3), of the spheres at the end
+    radii: Array  # [m], shape (n,)
+    time: float  # [s], simulated
+    statistics: dict[str, float] = field(default_factory=dict)
+    history: History | None = None
+    assumptions: dict[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+def run(
+    rig: CustomRig,
+    particle: Particle,
+    wall: Material,
+    contact: Contact,
+    wall_contact: Contact,
+    *,
+    count: int,
+    seed: int = 1,
+    surfaces: Surfaces | None = None,
+    progress: Progress = silent,
+    **numerics: Unpack[Numerics],
+) -> Course:
+    """Fill particles between the walls, move the walls, and record where the particles are.
+
+    Parameters
+    ----------
+    rig : CustomRig
+        Walls and their motions, filling, duration and regions, in SI units.
+    particle : Particle
+        Sphere or clump.
+    wall : Material
+        Material of the walls that `surfaces` does not name.
+    contact, wall_contact : Contact
+        Coefficients of contacts between particles, and of particles with those walls.
+    count : int
+        Number of particles.
+    seed : int
+        Seed of the random positions and orientations.
+    surfaces : mapping, optional
+        Material and contact of walls by name.
+    progress : Progress
+        Callback for the progress display.
+    **numerics : Numerics
+        Numerical settings, see `rigtwin.sim.run.set_up.Numerics`.
+
+    Returns
+    -------
+    Course
+        Particles in the regions over time, bed heights, and what was discharged.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range, the particles find no room, or a wall is too fast for the time step.
+    SimulationFailed
+        If the simulation breaks down.
+    """
+    check(rig, particle, count=count)
+    walls, domain = shapes(rig), domain_of(rig, particle)
+    made_of = {name: (surfaces or {}).get(name, (wall, wall_contact)) for name in walls}
+    # the time step follows from the lowest restitution
+    bench = Bench(rig, particle, wall, contact, min((c for _, c in made_of.values()), key=_restitution), numerics)
+    bulk = bench.bulk_of([_wall(rig, name, walls[name], *made_of[name], bench) for name in walls], domain)
+    regions = regions_of(rig, particle)
+    source, books = Pouring(rig), _Books(random=np.random.default_rng(seed))
+    steps = max(1, round(rig.interval / bulk.time_step))
+    stated = {name: [asdict(one) for one in pair] for name, pair in made_of.items()}
+    with bench.logbook(bulk, count=count, seed=seed, surfaces=stated) as logbook:
+        if kept := logbook.resume():
+            books.go_on(kept)
+        while not books.ended:
+            if books.placed < count and bulk.time >= books.next_fill - bulk.time_step / 2:
+                source.time, books.next_fill = bulk.time, bulk.time + filling.LOOK
+                if rig.pour_rate is None:
+                    filling.scatter_some(bulk, books, count, source.inside, source.box, particle, thrown=THROWN)
+                elif books.patience < filling.PATIENCE:
+                    filling.pour(bulk, books, source, bulk.grains().position, particle, count)
+            before = bulk.grains()
+            if not books.rows:
+                books.look(regions, before, 0.0)
+            logbook.run(steps)
+            now = bulk.grains()
+            books.note_gone(before, now, domain, rig.interval)
+            books.look(regions, now, bulk.time)
+            books.note_end(rig, particle, now, bulk.time, count)
+            logbook.look(books.kept())
+            progress("simulating", min(bulk.time, rig.duration), rig.duration)
+    return _course_of(
+        rig, particle, books, bulk.beads(), bulk.grains(), asked=count, time=bulk.time,
+        statistics=logbook.statistics(), history=logbook.history,
+        assumptions={**assumptions_of(rig, particle), **bench.assumptions()}, warnings=bench.warnings(bulk, logbook),
+    )  # fmt: skip
+
+
+def replayed(rig: CustomRig, particle: Particle, frames: Sequence[Frame], *, asked: int, placed: int) -> Course:
+    """The course of a run that another program computed.
+
+    Parameters
+    ----------
+    rig : CustomRig
+        The rig.
+    particle : Particle
+        The particle.
+    frames : sequence of Frame
+        The particles over time, from the begin of the run to its end.
+    asked, placed : int
+        Number of particles that were asked for, and that were placed.
+
+    Returns
+    -------
+    Course
+        As `run` returns it.
+    """
+    books, domain = _Books(random=np.random.default_rng(0), placed=placed), domain_of(rig, particle)
+    regions = regions_of(rig, particle)
+    before: Grains | None = None
+    last = 0.0
+    for frame in frames:
+        now = frame.grains(particle)
+        if before is not None:
+            books.note_gone(before, now, domain, frame.time - last)
+        books.look(regions, now, frame.time)
+        before, last = now, frame.time
+    final = frames[-1]
+    books.at_rest = filling.resting(final.grains(particle), particle)
+    return _course_of(
+        rig, particle, books, final.beads(particle), final.grains(particle), asked=asked, time=final.time,
+        statistics={}, history=None, assumptions=assumptions_of(rig, particle), warnings=(),
+    )  # fmt: skip
+
+
+def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
+    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
+    positive(duration=rig.duration, interval=rig.interval)
+    if count < 1:
+        raise BadInput(f"count: {count} particles fill no rig; give at least 1.")
+    low, high = domain_of(rig, particle)
+    for name, mesh in shapes(rig).items():
+        if not (mesh.corners.min((0, 1)) < high).all() or not (mesh.corners.max((0, 1)) > low).all():
+            raise BadInput(
+                f"walls.{name}: lies outside the domain: it is {_box(mesh.corners)}, and the domain is "
+                f"{_box(np.array([low, high]))}; check stl_unit, and the axes of the STL file."
+            )
+    fill = np.array([rig.fill.low, rig.fill.high])
+    if not (fill[0] >= low).all() or not (fill[1] <= high).all():
+        raise BadInput(
+            f"fill: is {_box(fill)}, and the domain is {_box(np.array([low, high]))}; place it in the domain."
+        )
+    if rig.pour_speed and rig.pour_rate is None:
+        raise BadInput("pour_speed: belongs to a pour_rate; leave it out.")
+
+
+def _box(points: Array) -> str:
+    corners = points.reshape(-1, 3)
+    sides = zip("xyz", 1e3 * corners.min(axis=0), 1e3 * corners.max(axis=0), strict=True)
+    return ", ".join(f"{axis} {low:.4g} to {high:.4g} mm" for axis, low, high in sides)
+
+
+def _restitution(contact: Contact) -> float:
+    return contact.restitution
+
+
+# ---------------------------------------------------------------------- the rig
+
+
+def shapes(rig: CustomRig) -> dict[str, Mesh]:
+    """The walls at their places at the begin, by name."""
+    from rigtwin.sim.engine.walls.mesh import Mesh
+
+    return {name: Mesh(corners_of(wall), name=f"walls.{name}") for name, wall in rig.walls.items()}
+
+
+def corners_of(wall: StlWall) -> Array:
+    """Triangles [m] of a wall, shape (n, 3, 3)."""
+    return _corners(wall.stl, wall.unit, wall.sha256)
+
+
+@lru_cache(maxsize=64)
+def _corners(stl: str, unit: float, _sha256: str) -> Array:
+    from rigtwin.lab.stl import stl_facets
+
+    return np.array(stl_facets(Path(stl), unit, "name the STL file of the wall").triangles, dtype=float)
+
+
+def motion_of(wall: StlWall) -> Motion | None:
+    """Motion of a wall as the engine takes it; None where it rests."""
+    from rigtwin.sim.engine.walls.shapes import Motion
+
+    if not wall.moves:
+        return None
+    stop = math.inf if wall.stop is None else wall.stop
+    return Motion(
+        wall.velocity, wall.rotation_speed, wall.rotation_axis, wall.rotation_point, wall.start, stop, wall.belt,
+        wall.vibration_amplitude, wall.vibration_frequency,
+    )  # fmt: skip
+
+
+def _wall(rig: CustomRig, name: str, mesh: Mesh, material: Material, contact: Contact, bench: Bench) -> Wall:
+    from rigtwin.sim.engine.walls.shapes import Wall
+
+    wall = rig.walls[name]
+    until = math.inf if wall.removed is None else wall.removed
+    return Wall(mesh, material.softened(bench.stiffness_factor), contact, motion_of(wall), until)
+
+
+def domain_of(rig: CustomRig, particle: Particle) -> tuple[Array, Array]:
+    """Corners [m] of the domain, stated or about all that is in it."""
+    if rig.low is not None and rig.high is not None:
+        return np.array(rig.low), np.array(rig.high)
+    points = [np.array([rig.fill.low, rig.fill.high])]
+    for wall in rig.walls.values():
+        corners, motion = corners_of(wall).reshape(-1, 3), motion_of(wall)
+        points.append(corners)
+        if motion is not None and not wall.belt:
+            box = np.array(np.meshgrid(*np.array([corners.min(0), corners.max(0)]).T)).reshape(3, -1).T
+            lasts = min(rig.duration, motion.stop) - motion.start
+            times = motion.start + np.linspace(0, max(lasts, 0.0), POSES)
+            points += [motion.done(box, time) for time in times]
+    every, margin = np.concatenate(points), MARGIN * particle.diameter
+    return every.min(axis=0) - margin, every.max(axis=0) + margin
+
+
+def within(region: Region, points: Array, clear: float = 0.0) -> npt.NDArray[np.bool_]:
+    """Which points [m], shape (n, 3), are in a region and more than `clear` [m] from its sides."""
+    low, high = np.array(region.low), np.array(region.high)
+    if region.shape == "box":
+        return np.asarray(((points >= low + clear) & (points <= high - clear)).all(axis=1))
+    middle = (low + high) / 2
+    radius = (high[0] - low[0]) / 2
+    level = (points[:, 2] >= low[2] + clear) & (points[:, 2] <= high[2] - clear)
+    return np.asarray(level & (np.hypot(*(points - middle)[:, :2].T) <= radius - clear))
+
+
+class Pouring:
+    """The region in which particles are placed, clear of the walls as they are at `time`."""
+
+    def __init__(self, rig: CustomRig) -> None:
+        self.rig = rig
+        self.rate = rig.pour_rate or 0.0
+        self.speed, self.height = rig.pour_speed, rig.fill.low[2]
+        self.box = np.array(rig.fill.low), np.array(rig.fill.high)
+        self.time = 0.0  # [s]
+        self._walls = [(mesh, rig.walls[name], motion_of(rig.walls[name])) for name, mesh in shapes(rig).items()]
+
+    def inside(self, points: Array, clear: float) -> npt.NDArray[np.bool_]:
+        """Which points [m], shape (n, 3), are in the region and over `clear` [m] from its sides and all walls."""
+        from rigtwin.sim.engine.walls.shapes import gaps
+
+        free = within(self.rig.fill, points, clear)
+        for shape, wall, motion in self._walls:
+            rows = np.flatnonzero(free)
+            if not len(rows) or (wall.removed is not None and wall.removed <= self.time):
+                continue
+            there = points[rows] if motion is None else motion.undone(points[rows], self.time)
+            free[rows] = gaps(shape, there, np.full(len(rows), clear)) > 0
+        return free
+
+    def draw(self, diameter: float, rng: np.random.Generator) -> Array | None:
+        """A random place [m] for a particle of this `diameter` [m]; None where it would touch a wall."""
+        place = np.asarray(rng.uniform(*self.box))
+        return place if self.inside(place[None], diameter / 2)[0] else None
+
+
+# ---------------------------------------------------------------------- the run
+
+
+@dataclass(kw_only=True)
+class _Books(filling.Course):
+    """What was seen so far; a run resumes from it and from the state of the particles."""
+
+    rows: list[list[float]] = field(default_factory=list)
+    """Time, per region particles and mass, discharged mass, kinetic energy."""
+    discharged: int = 0
+    discharged_mass: float = 0.0  # [kg]
+    escaped: int = 0
+    escaped_mass: float = 0.0  # [kg]
+    next_fill: float = 0.0  # [s]
+    ended: bool = False
+    at_rest: bool = False
+
+    def note_gone(self, before: Grains, now: Grains, domain: tuple[Array, Array], interval: float) -> None:
+        """Count the particles that left, and through which side: that beyond which their flight led them farthest."""
+        gone = ~np.isin(before.ident, now.ident)
+        if not gone.any():
+            return
+        ahead = before.position[gone] + interval * before.velocity[gone]
+        ahead[:, 2] -= GRAVITY / 2 * interval**2
+        beyond = np.column_stack([domain[0] - ahead, ahead - domain[1]])
+        below = beyond.argmax(axis=1) == 2
+        mass = before.mass[gone]
+        self.discharged += int(below.sum())
+        self.discharged_mass += float(mass[below].sum())
+        self.escaped += int((~below).sum())
+        self.escaped_mass += float(mass[~below].sum())
+
+    def look(self, regions: Mapping[str, Region], grains: Grains, time: float) -> None:
+        """Note where the particles are."""
+        row = [time]
+        for region in regions.values():
+            there = within(region, grains.position)
+            row += [float(there.sum()), float(grains.mass[there].sum())]
+        self.rows.append([*row, self.discharged_mass, grains.kinetic_energy])
+
+    def note_end(self, rig: CustomRig, particle: Particle, grains: Grains, time: float, count: int) -> None:
+        """Note whether the run ends here."""
+        self.quiet = self.quiet + 1 if filling.resting(grains, particle) else 0
+        self.at_rest = self.quiet >= filling.REST_LOOKS
+        filled = self.placed >= count or self.patience >= filling.PATIENCE
+        moves_later = any(wall.moves and wall.start >= time for wall in rig.walls.values())
+        waits = moves_later or any((wall.removed or 0.0) > time for wall in rig.walls.values())
+        over = {"time": False, "at rest": self.at_rest and not waits, "empty": not len(grains.ident)}[rig.end]
+        self.ended = time >= rig.duration - rig.interval / 2 or (filled and over)
+
+
+def regions_of(rig: CustomRig, particle: Particle) -> dict[str, Region]:
+    """The regions that are looked at, by name: those stated, else the domain."""
+    if rig.regions:
+        return dict(rig.regions)
+    (x, y, z), (to_x, to_y, to_z) = domain_of(rig, particle)
+    return {WHOLE: Region((float(x), float(y), float(z)), (float(to_x), float(to_y), float(to_z)))}
+
+
+def bed_height(region: Region, centres: Array, radii: Array) -> float:
+    """Height [m] of a bed above the floor of a region: that of its uppermost spheres, averaged over the region."""
+    (x, y, floor), (to_x, to_y, _) = region.low, region.high
+    raised = centres - np.array([(x + to_x) / 2, (y + to_y) / 2, floor])
+    if region.shape == "cylinder":
+        return float(surface(raised, radii, to_x - x).mean())
+    wide, deep = to_x - x, to_y - y
+    pitch = max(wide, deep) / ACROSS
+    sides = [(np.arange(n) + 0.5) * side / n - side / 2 for side in (wide, deep) if (n := math.ceil(side / pitch))]
+    points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
+    return float(surface_over(points, raised, radii, pitch).mean())
+
+
+def flow(times: Array, discharged: Array) -> float | None:
+    """Mass flow [kg/s] of the middle 60 % of a discharge: slope of a line through its mass [kg] over time [s].
+
+    None where fewer than ten looks show it.
+
+    >>> times = np.arange(100) * 0.01
+    >>> round(flow(times, 0.2 * times) or 0.0, 9)
+    0.2
+    """
+    low, high = (share * discharged[-1] for share in STEADY)
+    middle = (discharged > low) & (discharged < high)
+    if discharged[-1] <= 0 or middle.sum() < FEWEST:
+        return None
+    return float(np.polyfit(times[middle], discharged[middle], 1)[0])
+
+
+def assumptions_of(rig: CustomRig, particle: Particle) -> dict[str, str]:
+    """What was taken, in words."""
+    domain = domain_of(rig, particle)
+    stated = "as given" if rig.low is not None else f"walls and fill, and {MARGIN} particle diameters more"
+    poured = "at once, those without room as soon as there is some"
+    if rig.pour_rate is not None:
+        poured = f"{rig.pour_rate:g} per second at {rig.pour_speed:g} m/s downwards"
+    moving = [f"{name}: {motion_in_words(wall)}" for name, wall in rig.walls.items() if wall.moves]
+    return {
+        "domain": f"{_box(np.array(domain))} ({stated}); gravity along -z",
+        "filling": f"placed at random in {_box(np.array([rig.fill.low, rig.fill.high]))}, clear of the walls; {poured}",
+        "motion": "; ".join(moving) or "all walls rest",
+    }
+
+
+def motion_in_words(wall: StlWall) -> str:
+    """The motion of a wall."""
+    said = []
+    if any(wall.velocity):
+        said.append(f"moves at ({', '.join(f'{v:.4g}' for v in wall.velocity)}) m/s")
+    if wall.rotation_speed:
+        axis, point = (", ".join(f"{v:.4g}" for v in one) for one in (wall.rotation_axis, wall.rotation_point))
+        said.append(f"turns at {wall.rotation_speed:.4g} rad/s about ({axis}) through ({point}) m")
+    if wall.vibration_frequency:
+        sway = ", ".join(f"{1e3 * v:.4g}" for v in wall.vibration_amplitude)
+        said.append(f"vibrates by ({sway}) mm at {wall.vibration_frequency:.4g} Hz")
+    until = "the end" if wall.stop is None else f"{wall.stop:g} s"
+    return f"{', '.join(said)}{', as a belt' if wall.belt else ''}, from {wall.start:g} s to {until}"
+
+
+# ---------------------------------------------------------------------- the result
+
+
+def _course_of(
+    rig: CustomRig,
+    particle: Particle,
+    books: _Books,
+    beads: Beads,
+    grains: Grains,
+    *,
+    asked: int,
+    time: float,
+    statistics: dict[str, float],
+    history: History | None,
+    assumptions: dict[str, str],
+    warnings: tuple[str, ...],
+) -> Course:
+    regions = regions_of(rig, particle)
+    times, *columns = np.array(books.rows).T
+    named = [(f"{what}_in_{name}", unit) for name in regions for what, unit in (("particles", "1"), ("mass", "kg"))]
+    named += [("mass_discharged", "kg"), ("kinetic_energy", "J")]
+    inside = {name: within(region, grains.position) for name, region in regions.items()}
+    owner = beads.ident if beads.grain is None else beads.grain
+    heights = {}
+    for name, region in regions.items():
+        spheres = np.isin(owner, grains.ident[inside[name]])
+        heights[name] = bed_height(region, beads.position[spheres], beads.radius[spheres])
+    said = list(warnings)
+    if books.placed < asked:
+        said.append(f"only {books.placed} of {asked} particles found room in the fill region")
+    if books.escaped:
+        said.append(
+            f"{books.escaped} of {books.placed} particles left through a side or the top of the domain; "
+            "close the walls there, or give a larger domain (low, high)"
+        )
+    if rig.end == "at rest" and not books.at_rest:
+        said.append("the particles were still moving when the time limit was reached; raise duration")
+    if rig.end == "empty" and len(grains.ident):
+        said.append(f"{len(grains.ident)} particles were still there when the time limit was reached; raise duration")
+    return Course(
+        series=tuple(Series(times, values, name, unit) for (name, unit), values in zip(named, columns, strict=True)),
+        inside={name: (int(there.sum()), float(grains.mass[there].sum())) for name, there in inside.items()},
+        bed_heights=heights,
+        discharged=(books.discharged, books.discharged_mass),
+        escaped=(books.escaped, books.escaped_mass),
+        mass_flow_rate=flow(times, columns[-2]),
+        asked=asked,
+        placed=books.placed,
+        at_rest=books.at_rest,
+        centres=beads.position,
+        radii=beads.radius,
+        time=time,
+        statistics=statistics,
+        history=history,
+        assumptions=assumptions,
+        warnings=tuple(said),
+    )
+
+
+def picture(rig: CustomRig, course: Course) -> npt.NDArray[np.uint8]:
+    """RGB image of the walls and the particles at the end."""
+    from rigtwin.sim.output.picture import draw
+
+    shown = []
+    for wall in rig.walls.values():
+        if wall.removed is not None and wall.removed <= course.time:
+            continue
+        corners, motion = corners_of(wall), motion_of(wall)
+        if motion is not None:
+            corners = motion.done(corners.reshape(-1, 3), course.time).reshape(-1, 3, 3)
+        shown.append(corners)
+    walls = np.concatenate(shown) if shown else None
+    return draw(course.centres, course.radii, walls=walls, turn=30.0, tilt=20.0)
