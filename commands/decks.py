@@ -37,6 +37,7 @@ RIGS = {
     "pile": simulate.simulate_pile,
     "drum": simulate.simulate_drum,
     "hopper": simulate.simulate_hopper,
+    "custom": simulate.simulate_custom,
 }
 
 app = typer.Typer(
@@ -134,6 +135,8 @@ def deck_of(code: Code, work: partial[Any]) -> Any:
         for name in ("seed", "rolling", "stiffness_factor", "time_step_fraction", "forced")
         if said.get(name) is not None
     }
+    for name in ("surfaces", "notes"):
+        settings[name] = said.pop(name, None) or ({"surfaces": None, "notes": ()}[name])
     options = {name: value for name, value in said.items() if value is not None}
     deck = Deck(code, rig, particle, wall, contact, wall_contact, count, options=options, **settings)
     # what the rig leaves open and a deck must state is part of its rig from here on
@@ -154,6 +157,7 @@ EXAMPLES = {
     "pile": "rigtwin export {code} pile --base-diameter 90mm --rim-height 10mm --count 1000",
     "drum": "rigtwin export {code} drum --drum-diameter 140mm --speed 3rpm --depth 50mm",
     "hopper": "rigtwin export {code} hopper --outlet 30mm --bin-width 80mm --count 1000",
+    "custom": "rigtwin export {code} custom my-lab --rig mixer",
 }
 
 

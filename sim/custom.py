@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -177,18 +177,30 @@ def replayed(rig: CustomRig, particle: Particle, frames: Sequence[Frame], *, ask
     regions = regions_of(rig, particle)
     before: Grains | None = None
     last = 0.0
-    for frame in frames:
+    gone: set[int] = set()  # particles that left the domain; a code may keep them until they leave its own room
+    for whole in frames:
+        frame = _remaining(whole, particle, domain, gone)
         now = frame.grains(particle)
         if before is not None:
             books.note_gone(before, now, domain, frame.time - last)
         books.look(regions, now, frame.time)
         before, last = now, frame.time
-    final = frames[-1]
+    final = frame
     books.at_rest = filling.resting(final.grains(particle), particle)
     return _course_of(
         rig, particle, books, final.beads(particle), final.grains(particle), asked=asked, time=final.time,
         statistics={}, history=None, assumptions=assumptions_of(rig, particle), warnings=(),
     )  # fmt: skip
+
+
+def _remaining(frame: Frame, particle: Particle, domain: tuple[Array, Array], gone: set[int]) -> Frame:
+    """The frame without particles that have left the domain, which go into `gone`."""
+    each = len(particle.radii)
+    inside = ((frame.position >= domain[0]) & (frame.position <= domain[1])).all(axis=1)
+    owner = frame.ident // each
+    gone.update(owner[~inside].tolist())
+    keep = ~np.isin(owner, list(gone))
+    return replace(frame, ident=frame.ident[keep], position=frame.position[keep], velocity=frame.velocity[keep])
 
 
 def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
@@ -269,17 +281,23 @@ def domain_of(rig: CustomRig, particle: Particle) -> tuple[Array, Array]:
     """Corners [m] of the domain, stated or about all that is in it."""
     if rig.low is not None and rig.high is not None:
         return np.array(rig.low), np.array(rig.high)
-    points = [np.array([rig.fill.low, rig.fill.high])]
-    for wall in rig.walls.values():
-        corners, motion = corners_of(wall).reshape(-1, 3), motion_of(wall)
-        points.append(corners)
-        if motion is not None and not wall.belt:
-            box = np.array(np.meshgrid(*np.array([corners.min(0), corners.max(0)]).T)).reshape(3, -1).T
-            lasts = min(rig.duration, motion.stop) - motion.start
-            times = motion.start + np.linspace(0, max(lasts, 0.0), POSES)
-            points += [motion.done(box, time) for time in times]
+    points = [np.array([rig.fill.low, rig.fill.high]), *(poses(rig, wall) for wall in rig.walls.values())]
     every, margin = np.concatenate(points), MARGIN * particle.diameter
     return every.min(axis=0) - margin, every.max(axis=0) + margin
+
+
+def poses(rig: CustomRig, wall: StlWall) -> Array:
+    """Points [m], shape (n, 3), in whose box a wall stays during the run."""
+    corners, motion = corners_of(wall).reshape(-1, 3), motion_of(wall)
+    if motion is None or wall.belt:
+        return corners
+    lasts = max(min(rig.duration, motion.stop) - motion.start, 0.0)
+    hull = np.array(np.meshgrid(*np.array([corners.min(0), corners.max(0)]).T)).reshape(3, -1).T
+    times = motion.start + np.linspace(0, lasts, POSES)
+    reach = np.abs(np.array(wall.vibration_amplitude))  # its extremes lie between the poses
+    still = replace(motion, amplitude=(0.0, 0.0, 0.0))
+    moved = np.concatenate([corners, *(still.done(hull, time) for time in times)])
+    return np.concatenate([moved - reach, moved + reach])
 
 
 def within(region: Region, points: Array, clear: float = 0.0) -> npt.NDArray[np.bool_]:

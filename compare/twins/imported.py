@@ -9,6 +9,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rigtwin.compare.twins.custom import custom_result
 from rigtwin.compare.twins.drum import drum_result
 from rigtwin.compare.twins.hopper import hopper_result
 from rigtwin.compare.twins.many_body import Cast, Computed
@@ -24,7 +25,13 @@ if TYPE_CHECKING:
     from rigtwin.lab.file.model_file import Model
     from rigtwin.sim.decks.deck import Deck
 
-RESULTS = {"packing": packing_result, "pile": pile_result, "drum": drum_result, "hopper": hopper_result}
+RESULTS = {
+    "packing": packing_result,
+    "pile": pile_result,
+    "drum": drum_result,
+    "hopper": hopper_result,
+    "custom": custom_result,
+}
 SAME = 1e-3  # relative difference below which two settings count as equal: they may be rounded to three digits
 
 
@@ -58,7 +65,9 @@ def imported_twin(folder: Path, progress: Progress = silent) -> Twin:
     cast = Cast(deck.particle, deck.wall, deck.contact, deck.wall_contact)
     computed = Computed(begun, deck.seed, by=TITLES[deck.code])
     result: Any = RESULTS[deck.rig_name]
-    more = {"duration": (deck.options or {}).get("duration")} if deck.rig_name == "hopper" else {}
+    more: dict[str, Any] = {"duration": (deck.options or {}).get("duration")} if deck.rig_name == "hopper" else {}
+    if deck.rig_name == "custom":
+        more = {"surfaces": deck.surfaces}
     twin: Twin = result(deck.rig, cast, record, computed, **more)
     progress("reading", 1, 1)
     return replace(

@@ -45,6 +45,8 @@ class Export:
     given: tuple[Contact, Contact]  # `between` and `at_wall` in rigtwin's conventions
     stiffness_factor: float  # [1]
     warnings: tuple[str, ...]
+    others: tuple[Export, ...] = ()
+    """The same for walls of other materials, types 3, 4 ... of LIGGGHTS."""
 
     @property
     def text(self) -> str:
@@ -191,22 +193,28 @@ def _moduli(material: Material) -> dict[str, Any]:
 def _for_liggghts(made: Export) -> str:
     """Commands for `include` behind `create_box 2 ...`: type 1 is the particle, type 2 the walls."""
     bead, wall = made.particle, made.wall
-    moduli = (bead.material.youngs_modulus, wall.youngs_modulus)
+    walls = (made, *made.others)
+    moduli = (bead.material.youngs_modulus, *(one.wall.youngs_modulus for one in walls))
     confirmed = [word for word, odd in (("soft", min(moduli) < SOFT), ("hard", max(moduli) > HARD)) if odd]
     before = "".join(f"# required before atom_style: {word}_particles yes\n" for word in confirmed)
 
-    def each(name: str, ours: float, theirs: float) -> str:
-        return f"fix {name} all property/global {name} peratomtype {ours:.10g} {theirs:.10g}\n"
+    def each(name: str, *values: float) -> str:
+        listed = " ".join(f"{value:.10g}" for value in values)
+        return f"fix {name} all property/global {name} peratomtype {listed}\n"
 
-    def pairs(name: str, between: float, at_wall: float) -> str:
-        four = " ".join(f"{value:.10g}" for value in (between, at_wall, at_wall, at_wall))
-        return f"fix {name} all property/global {name} peratomtypepair 2 {four}\n"
+    def pairs(name: str, coefficient: str) -> str:
+        first = [getattr(made.between, coefficient), *(getattr(one.at_wall, coefficient) for one in walls)]
+        # between two walls anything will do, as they do not touch each other
+        walled = range(1, len(first))
+        rows = [first, *([first[i], *(first[min(i, j)] for j in walled)] for i in walled)]
+        listed = " ".join(f"{value:.10g}" for row in rows for value in row)
+        return f"fix {name} all property/global {name} peratomtypepair {len(first)} {listed}\n"
 
-    among, against = made.between, made.at_wall
     model = f"model hertz tangential history rolling_friction {ROLLING[made.rolling]}"
+    more = "".join(f", of {one.wall.name} (type {k})" for k, one in enumerate(made.others, start=3))
     return (
-        f"# {bead.name} (type 1), walls of {wall.name} (type 2), rigtwin {__version__}, for LIGGGHTS 3.8; SI\n"
-        "# include behind create_box 2\n"
+        f"# {bead.name} (type 1), walls of {wall.name} (type 2){more}, rigtwin {__version__}, for LIGGGHTS 3.8; SI\n"
+        f"# include behind create_box {1 + len(walls)}\n"
         f"{before}"
         f"{_templates(bead)}"
         f"# between {_coefficients(made.given[0])}, at walls {_coefficients(made.given[1])}; in LIGGGHTS:\n"
@@ -215,10 +223,10 @@ def _for_liggghts(made: Export) -> str:
         f"# the limit of the torque is the same, but\n# {DIFFERS[ROLLING[made.rolling]]}\n"
         + "".join(f"# {words}\n" for words in (*_softened(made), *made.warnings))
         + each("youngsModulus", *moduli)
-        + each("poissonsRatio", bead.material.poisson_ratio, wall.poisson_ratio)
-        + pairs("coefficientRestitution", among.restitution, against.restitution)
-        + pairs("coefficientFriction", among.static_friction, against.static_friction)
-        + pairs("coefficientRollingFriction", among.rolling_friction, against.rolling_friction)
+        + each("poissonsRatio", bead.material.poisson_ratio, *(one.wall.poisson_ratio for one in walls))
+        + pairs("coefficientRestitution", "restitution")
+        + pairs("coefficientFriction", "static_friction")
+        + pairs("coefficientRollingFriction", "rolling_friction")
         + f"pair_style gran {model}\npair_coeff * *\n"
         + f"# a wall: fix NAME all wall/gran {model} primitive type 2 ...\n"
         + f"timestep {made.time_step:.10g}\n"

@@ -10,8 +10,8 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.clumps import Clump
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.decks.deck import END, RECORD, Deck
-from rigtwin.sim.decks.scene import Drain, Lift, Open, Pour, Settle, Turn
-from rigtwin.sim.run.filling import LOOK
+from rigtwin.sim.decks.scene import Drain, Insert, Lift, Look, Move, Open, Pour, Settle, Timeline, Turn, Watch
+from rigtwin.sim.run.filling import AT_REST, LOOK, Stillness
 
 COLUMNS = "id x y z vx vy vz"
 SKIN = 0.2  # [diameters], Verlet skin
@@ -23,10 +23,10 @@ def positions(deck: Deck, types: int) -> str:
     bounds = [f"{a:.9g} {b:.9g} {axis}lo {axis}hi" for a, b, axis in zip(scene.low, scene.high, "xyz", strict=True)]
     wide, density, each = diameters(deck), densities(deck), len(deck.particle.radii)
     atoms = [
-        f"{i} 1 {wide[i - 1]:.10g} {density[i - 1]:.10g} {_three(place)}"
+        f"{i} 1 {wide[i - 1]:.10g} {density[i - 1]:.10g} {three(place)}"
         for i, place in enumerate(spheres(deck, scene.places, 0), 1)
     ]
-    speeds = [f"{i} {_three(speed)} 0 0 0" for i, speed in enumerate(np.repeat(scene.velocities, each, axis=0), 1)]
+    speeds = [f"{i} {three(speed)} 0 0 0" for i, speed in enumerate(np.repeat(scene.velocities, each, axis=0), 1)]
     head = [f"{deck.particle.name}, written by rigtwin", "", f"{len(atoms)} atoms", f"{types} atom types", *bounds]
     lines = [*head, "", "Atoms", "", *atoms, "", "Velocities", "", *speeds, ""]
     if deck.particle.shape is not None:
@@ -109,24 +109,30 @@ def start(deck: Deck, types: int) -> str:
 
 def poured(deck: Deck) -> str:
     """Commands that insert the batches of beads, `LOOK` apart."""
-    steps, each = deck.steps(LOOK), len(deck.particle.radii)
+    steps = deck.steps(LOOK)
     lines, number = [f"# inserts the beads in batches, {LOOK:g} s apart"], len(deck.scene.places)
     for stage in deck.scene.stages:
         for batch in stage.batches if isinstance(stage, Pour) else ():
-            lines += [f"create_atoms 1 single {_three(place)} units box" for place in spheres(deck, batch, number)]
             if len(batch):
                 assert isinstance(stage, Pour)
-                lines += [
-                    f"group new id {each * number + 1}:{each * (number + len(batch))}",
-                    *_sized(deck, number, len(batch)),
-                    f"velocity new set 0 0 {-stage.speed:.10g} units box",
-                    "group new delete",
-                ]
+                lines += _inserted(deck, batch, number, stage.speed)
                 if deck.particle.shape is not None:
                     lines += [*(["unfix move"] if number else []), RIGID.strip()]
             number += len(batch)
             lines.append(f"run {steps}")
     return "\n".join(lines) + "\n"
+
+
+def _inserted(deck: Deck, batch: Array, number: int, speed: float) -> list[str]:
+    """Commands that insert a batch of beads after the first `number`, at a speed [m/s] downwards."""
+    each = len(deck.particle.radii)
+    return [
+        *(f"create_atoms 1 single {three(place)} units box" for place in spheres(deck, batch, number)),
+        f"group new id {each * number + 1}:{each * (number + len(batch))}",
+        *_sized(deck, number, len(batch)),
+        f"velocity new set 0 0 {-speed:.10g} units box",
+        "group new delete",
+    ]
 
 
 def _sized(deck: Deck, number: int, count: int) -> list[str]:
@@ -153,14 +159,14 @@ def stages(
     opened: Callable[[str], str],
     turned: Callable[[float], str],
     lifted: Callable[[str, float], str] | None = None,
+    moved: Callable[[Move], str] | None = None,
 ) -> str:
     """Commands of all stages for the input file `name`.
 
-    `opened` gives the commands that remove a wall, `turned` those that turn all walls at a speed [rad/s], `lifted`
-    those that lift a wall at a speed [m/s]
-    in a code that can.
+    `opened` gives the commands that remove a wall, `turned` those that turn all walls at a speed [rad/s]; in a code
+    that can, `lifted` gives those that lift a wall at a speed [m/s], and `moved` those that begin or end a motion.
     """
-    return "".join(_stages(deck, name, opened, turned, lifted))
+    return "".join(_stages(deck, name, opened, turned, lifted, moved))
 
 
 def _stages(
@@ -169,6 +175,7 @@ def _stages(
     opened: Callable[[str], str],
     turned: Callable[[float], str],
     lifted: Callable[[str, float], str] | None,
+    moved: Callable[[Move], str] | None,
 ) -> Iterator[str]:
     dump = f"write_dump all custom {RECORD} {COLUMNS} modify sort id append yes\n"
     for number, stage in enumerate(deck.scene.stages):
@@ -177,10 +184,20 @@ def _stages(
             yield "\n# beads are poured\ninclude pour.in\n"
         elif isinstance(stage, Open):
             yield f"\n# {stage.wall}: removed\n{opened(stage.wall)}"
+        elif isinstance(stage, Timeline):
+            assert moved is not None  # `Deck` refuses it for other codes
+            yield "\n# walls move, beads are placed and recorded at stated times\n"
+            yield from _timeline(deck, stage, dump, opened, moved)
+        elif isinstance(stage, Watch):
+            yield f"\n# recorded for {stage.limit:g} s at most, until: {stage.end}\n"
+            leave = {
+                "at rest": f"if {_resting(deck, AT_REST)} then {_to(name, done)}",
+                "empty": f'if "$(atoms) < 1" then {_to(name, done)}',
+            }.get(stage.end, "")
+            steps = deck.steps(stage.interval)
+            yield _loop(name, number, stage.limit / stage.interval, f"run {steps}\n{dump}", leave)
         elif isinstance(stage, Settle):
-            bead = deck.particle
-            mean = stage.still.energy * bead.mean_mass * GRAVITY * bead.typical.radius / len(bead.radii)
-            rest = f'"${{fastest}} < {stage.still.speed:g} && ${{energy}} < {mean:.6g}"'
+            rest = _resting(deck, stage.still)
             yield f"\n# until the beads rest, at most {stage.limit:g} s\n"
             yield _loop(
                 name, number, stage.limit / LOOK, f"run {deck.steps(LOOK)}\n", f"if {rest} then {_to(name, done)}"
@@ -200,6 +217,36 @@ def _stages(
             steps = deck.steps(stage.interval)
             yield _loop(name, number, stage.limit / stage.interval, f"run {steps}\n{dump}", leave)
     yield f"\nwrite_dump all custom {END} {COLUMNS} modify sort id\n"
+
+
+def _timeline(
+    deck: Deck, stage: Timeline, dump: str, opened: Callable[[str], str], moved: Callable[[Move], str]
+) -> Iterator[str]:
+    step, number = -1, len(deck.scene.places)
+    for time, what in stage.events:
+        at = round(time / deck.time_step)
+        if step < 0 and number:  # LIGGGHTS does not run without a bead
+            yield "run 0\n"
+            step = 0
+        if at > step >= 0:
+            yield f"run {at - step}\n"
+            step = at
+        if isinstance(what, Look):
+            yield dump
+        elif isinstance(what, Open):
+            yield opened(what.wall)
+        elif isinstance(what, Move):
+            yield moved(what)
+        elif isinstance(what, Insert):
+            yield "\n".join([*_inserted(deck, what.places, number, what.speed), ""])
+            number += len(what.places)
+
+
+def _resting(deck: Deck, still: Stillness) -> str:
+    """Condition that the beads rest."""
+    bead = deck.particle
+    mean = still.energy * bead.mean_mass * GRAVITY * bead.typical.radius / len(bead.radii)
+    return f'"${{fastest}} < {still.speed:g} && ${{energy}} < {mean:.6g}"'
 
 
 def _loop(name: str, number: int, times: float, body: str, leave: str = "") -> str:
@@ -232,5 +279,6 @@ def observed(deck: Deck) -> str:
     )
 
 
-def _three(vector: object) -> str:
+def three(vector: object) -> str:
+    """Three numbers with spaces between them."""
     return " ".join(f"{value:.10g}" for value in vector)  # type: ignore[attr-defined]

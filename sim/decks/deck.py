@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.custom_rig import CustomRig, StlWall
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 from rigtwin.lab.version import __version__
-from rigtwin.sim.decks.scene import BulkRig, Scene, scene_of
+from rigtwin.sim.decks.scene import BulkRig, Scene, mesh_name, scene_of
 from rigtwin.sim.engine.time_step import USUAL, positive, time_step
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 Code = Literal["liggghts", "lammps", "yade"]
 CODES = get_args(Code)
 TITLES: dict[Code, str] = {"liggghts": "LIGGGHTS", "lammps": "LAMMPS", "yade": "Yade"}
-RIGS: dict[str, type[BulkRig]] = {"packing": Packing, "pile": Pile, "drum": Drum, "hopper": Hopper}
+RIGS: dict[str, type[BulkRig]] = {"packing": Packing, "pile": Pile, "drum": Drum, "hopper": Hopper, "custom": CustomRig}
 DESCRIPTION, RECORD, END = "deck.json", "record.dump", "end.dump"
 SECTORS = 96  # of a round wall of triangles: at 50 mm radius they deviate from it by 0.03 mm
 SLENDER = 200  # [1], longest over shortest side of a triangle; LIGGGHTS 3.8 stops at about 225 (0.256 degrees)
@@ -52,10 +53,19 @@ class Deck:
     time_step_fraction: float = USUAL
     forced: bool = False
     options: Mapping[str, float] | None = None  # of the run, as `rigtwin.sim.<rig>.run` takes them
+    surfaces: Mapping[str, tuple[Material, Contact]] | None = None
+    """Custom rig: material and contact of walls that are of another material than `wall`."""
+    notes: tuple[str, ...] = ()
+    """Remarks on the rig."""
 
     def __post_init__(self) -> None:
         if self.code not in CODES:
             raise BadInput(f"code: {self.code!r} is unknown; use {', '.join(map(repr, CODES))}.")
+        if isinstance(self.rig, CustomRig) and self.code != "liggghts":
+            raise BadInput(
+                f"export {self.code}: a deck for {TITLES[self.code]} holds no walls from STL files; export the rig for "
+                "LIGGGHTS."
+            )
         if self.particle.shape is not None:
             self._check_clump()
         if isinstance(self.rig, Pile) and self.rig.variant == "pouring" and self.code != "liggghts":
@@ -98,7 +108,12 @@ class Deck:
     @property
     def time_step(self) -> float:
         """[s]"""
-        return time_step([self.soft], self.time_step_fraction, forced=self.forced)[0]
+        lowest = min([self._restitution, *(one.restitution for _, one in (self.surfaces or {}).values())])
+        return time_step([self.soft], self.time_step_fraction, forced=self.forced, restitution=lowest)[0]
+
+    @property
+    def _restitution(self) -> float:
+        return 1.0 if not self.own_walls else min(self.contact.restitution, self.wall_contact.restitution)
 
     @cached_property
     def scene(self) -> Scene:
@@ -108,6 +123,11 @@ class Deck:
         fastest = STEP_IN_RADII * self.particle.smallest_radius / self.time_step
         options = dict(self.options or {})
         return scene_of(self.rig, self.particle, count=self.count, seed=self.seed, fastest=fastest, **options)
+
+    @property
+    def own_walls(self) -> Mapping[str, StlWall]:
+        """Walls of a custom rig by name."""
+        return self.rig.walls if isinstance(self.rig, CustomRig) else {}
 
     @property
     def laws(self) -> tuple[PairLaw, PairLaw]:
@@ -126,6 +146,14 @@ class Deck:
         """One of `RIGS`."""
         return next(name for name, kind in RIGS.items() if isinstance(self.rig, kind))
 
+    def _rig_of_files(self) -> BulkRig:
+        """The rig with the STL files of the deck, which are in metres."""
+        rig = self.scene.rig
+        if not isinstance(rig, CustomRig):
+            return rig
+        files = {name: replace(wall, stl=f"{mesh_name(name)}.stl", unit=1.0) for name, wall in rig.walls.items()}
+        return replace(rig, walls=files)
+
     @property
     def command(self) -> str:
         """Command line that runs the deck in its folder."""
@@ -135,7 +163,7 @@ class Deck:
     def warnings(self) -> tuple[str, ...]:
         """What the deck does otherwise than rigtwin's own twin, and warnings about its settings."""
         step = time_step([self.soft], self.time_step_fraction, forced=self.forced)[1]
-        return (*self.scene.warnings, *step, *_writer(self.code).differences(self), *self._of_sizes())
+        return (*self.notes, *self.scene.warnings, *step, *_writer(self.code).differences(self), *self._of_sizes())
 
     def _of_sizes(self) -> tuple[str, ...]:
         if self.particle.sizes is None:
@@ -156,7 +184,7 @@ class Deck:
             "rigtwin": __version__,
             "code": self.code,
             "command": self.command,
-            "rig": {"name": self.rig_name, **asdict(self.scene.rig)},
+            "rig": {"name": self.rig_name, **asdict(self._rig_of_files())},
             "particle": {**asdict(self.particle), "density": self.particle.effective_density},
             "wall": asdict(self.wall),
             "contacts": {"particle-particle": asdict(self.contact), "particle-wall": asdict(self.wall_contact)},
@@ -169,6 +197,8 @@ class Deck:
             "forced": self.forced,
             "time_step_s": self.time_step,
             "options": dict(self.options or {}),
+            "surfaces": {name: [asdict(one) for one in pair] for name, pair in (self.surfaces or {}).items()},
+            "notes": list(self.notes),
             "dump": {"record": RECORD if self.scene.records else None, "end": END, "columns": "id x y z vx vy vz"},
             "in_the_code": _writer(self.code).converted(self),
             "warnings": list(self.warnings),
@@ -182,15 +212,21 @@ def read_deck(folder: Path) -> Deck:
     path = folder / DESCRIPTION
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
-        rig = {name: value for name, value in said["rig"].items() if name != "name"}
+        keys = {name: value for name, value in said["rig"].items() if name != "name"}
+        rig = TypeAdapter(RIGS[said["rig"]["name"]]).validate_python(keys)
+        if isinstance(rig, CustomRig):
+            here = {name: replace(wall, stl=str(folder / Path(wall.stl).name)) for name, wall in rig.walls.items()}
+            rig = replace(rig, walls=here)
         bead = {name: value for name, value in said["particle"].items() if name != "smallest"}
         return Deck(
             code=said["code"],
-            rig=RIGS[said["rig"]["name"]](**rig),
+            rig=rig,
             particle=TypeAdapter(Particle).validate_python(bead),
             wall=Material(**said["wall"]),
             contact=Contact(**said["contacts"]["particle-particle"]),
             wall_contact=Contact(**said["contacts"]["particle-wall"]),
+            surfaces={name: (Material(**a), Contact(**b)) for name, (a, b) in said.get("surfaces", {}).items()} or None,
+            notes=tuple(said.get("notes", ())),
             **{each.name: said[each.name] for each in fields(Deck) if each.name in said and each.name not in _APART},
         )
     except FileNotFoundError:
@@ -199,7 +235,7 @@ def read_deck(folder: Path) -> Deck:
         raise BadInput(f"{path}: is damaged ({type(error).__name__}: {error}); export the deck again.") from error
 
 
-_APART = ("code", "rig", "particle", "wall")
+_APART = ("code", "rig", "particle", "wall", "surfaces", "notes")
 
 
 def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:

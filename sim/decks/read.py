@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from rigtwin.lab.custom_rig import CustomRig
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
-from rigtwin.sim import drum, hopper, packing
+from rigtwin.sim import custom, drum, hopper, packing
 from rigtwin.sim.decks.deck import END, RECORD, Deck
 from rigtwin.sim.output.replay import Frame
 from rigtwin.sim.pile import pile
@@ -88,6 +89,8 @@ def record_of(folder: Path, deck: Deck) -> Any:
     over_time = read(RECORD) if (folder / RECORD).is_file() else []
     if len(over_time) < 2:
         raise BadInput(f"{folder}: there is no {RECORD} with several frames; run there: {deck.command}")
+    if isinstance(rig, CustomRig):
+        return custom.replayed(rig, bead, over_time, asked=count, placed=count)
     in_time = resting(over_time[0].grains(bead), bead, SETTLED)
     if isinstance(rig, Drum):
         return drum.replayed(rig, bead, over_time, turns=options.get("turns", 1.0), in_time=in_time)

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.custom_rig import CustomRig, StlWall
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.rigs import GRAVITY, Drum, Hopper, Packing, Pile
-from rigtwin.sim import drum, hopper, packing
+from rigtwin.sim import custom, drum, hopper, packing
 from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.engine.walls.shapes import Shape
 from rigtwin.sim.pile import pile
@@ -23,9 +24,10 @@ from rigtwin.sim.pile.pouring import Pouring
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.filling import AT_REST, LOOK, SETTLED, Stillness
 
-BulkRig = Packing | Pile | Drum | Hopper
+BulkRig = Packing | Pile | Drum | Hopper | CustomRig
 
 STEEPEST_HEAP = math.radians(35)  # of an expected heap, which a funnel that stands must stay above
+SLOWER = 1.1  # [1], time that pouring in a deck may take over that asked for without a remark
 LOOSEST = 0.45  # part of a bed's volume that is beads, less than in any poured bed
 NOTHING = np.zeros((0, 3))
 
@@ -79,7 +81,45 @@ class Drain:
     interval: float  # [s]
 
 
-Stage = Pour | Settle | Open | Lift | Turn | Drain
+@dataclass(frozen=True)
+class Insert:
+    """Insert beads."""
+
+    places: Array  # [m], shape (n, 3)
+    speed: float  # [m/s], downwards
+
+
+@dataclass(frozen=True)
+class Move:
+    """Begin the motion of a wall, or end it."""
+
+    wall: str
+    motion: StlWall
+    begins: bool
+
+
+@dataclass(frozen=True)
+class Look:
+    """Record the beads."""
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """What happens at times [s] from the begin of the run, rising; the run goes on in between."""
+
+    events: tuple[tuple[float, Insert | Move | Open | Look], ...]
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Record the beads at regular intervals."""
+
+    limit: float  # [s]
+    interval: float  # [s]
+    end: str  # "time", or before: "at rest" as all beads rest, "empty" as none is left
+
+
+Stage = Pour | Settle | Open | Lift | Turn | Drain | Timeline | Watch
 
 
 @dataclass(frozen=True)
@@ -104,12 +144,14 @@ class Scene:
     def count(self) -> int:
         """Number of beads, those that are poured later included."""
         poured = sum(len(batch) for stage in self.stages if isinstance(stage, Pour) for batch in stage.batches)
-        return len(self.places) + poured
+        timelines = (stage.events for stage in self.stages if isinstance(stage, Timeline))
+        inserted = sum(len(what.places) for events in timelines for _, what in events if isinstance(what, Insert))
+        return len(self.places) + poured + inserted
 
     @property
     def records(self) -> bool:
         """Whether a stage records the beads over time."""
-        return any(isinstance(stage, (Lift, Turn, Drain)) for stage in self.stages)
+        return any(isinstance(stage, (Lift, Turn, Drain, Watch)) for stage in self.stages)
 
 
 def scene_of(
@@ -119,7 +161,7 @@ def scene_of(
 
     Parameters
     ----------
-    rig : Packing, Pile, Drum or Hopper
+    rig : Packing, Pile, Drum, Hopper or CustomRig
         The rig.
     particle : Particle
         A sphere.
@@ -147,6 +189,8 @@ def scene_of(
     if isinstance(rig, Drum):
         return _drum(rig, particle, count, random, **given)
     assert count is not None
+    if isinstance(rig, CustomRig):
+        return _custom(rig, particle, count, random)
     if isinstance(rig, Packing):
         return _packing(rig, particle, count, random, fastest, **given)
     if isinstance(rig, Pile):
@@ -306,6 +350,59 @@ def _hopper(
     return Scene(rig, walls, places, velocities, tuple(stages), plan.domain[0], plan.domain[1], inside, sizes=sizes)
 
 
+def _custom(rig: CustomRig, particle: Particle, count: int, random: np.random.Generator) -> Scene:
+    """Walls from STL files; what happens at stated times, then a watch until the run ends."""
+    custom.check(rig, particle, count=count)
+    names = {name: mesh_name(name) for name in rig.walls}
+    walls: dict[str, Shape] = {names[name]: mesh for name, mesh in custom.shapes(rig).items()}
+    low, high = custom.domain_of(rig, particle)
+    source, sizes = custom.Pouring(rig), filling.Course(random=random).sizes(count, particle)
+    places, velocities, turns = NOTHING, NOTHING, None
+    said: tuple[str, ...] = ()
+    events: list[tuple[float, Insert | Move | Open | Look]] = []
+    if rig.pour_rate is None:
+        try:
+            places, velocities, _ = filling.scattered(
+                count, source.inside, source.box, particle, random, thrown=custom.THROWN, sizes=sizes
+            )
+        except BadInput as error:
+            raise BadInput(f"{error} A deck places all at once: give a pour_rate, or a larger fill.") from None
+        turns = filling.turns_of(count, particle, random)
+    else:
+        pour, turns = _poured(source, particle, count, sizes, random)
+        events += [(k * LOOK, Insert(batch, pour.speed)) for k, batch in enumerate(pour.batches) if len(batch)]
+        takes, asked = len(pour.batches) * LOOK, count / rig.pour_rate
+        if takes > SLOWER * asked + LOOK:
+            said = (
+                f"the fill region lets beads be placed in {takes:.3g} s, not {asked:.3g} s, as none may be hit on its "
+                "way down; give a pour_speed, or a wider fill",
+            )
+    for name, wall in rig.walls.items():
+        if wall.moves:
+            events.append((wall.start, Move(names[name], wall, True)))
+            if wall.stop is not None:
+                events.append((wall.stop, Move(names[name], wall, False)))
+        if wall.removed is not None:
+            events.append((wall.removed, Open(names[name])))
+    events = sorted((one for one in events if one[0] < rig.duration), key=lambda one: one[0])
+    last = math.ceil(max([time for time, _ in events], default=0.0) / rig.interval - 1e-9)
+    looks = [(k * rig.interval, Look()) for k in range(last + 1)]
+    timeline = Timeline(tuple(sorted((*events, *looks), key=lambda one: one[0])))
+    watch = Watch(max(rig.duration - last * rig.interval, rig.interval), rig.interval, rig.end)
+    poses = [custom.poses(rig, wall).reshape(-1, 3) for wall in rig.walls.values()]
+    wide = np.concatenate([*poses, [low, high]])
+    margin = particle.diameter
+    return Scene(
+        rig, walls, places, velocities, (timeline, watch), wide.min(axis=0) - margin, wide.max(axis=0) + margin,
+        (low + high) / 2, said, sizes, turns,
+    )  # fmt: skip
+
+
+def mesh_name(name: str) -> str:
+    """Name of a wall of the user's own in a deck, in which a hyphen is no letter."""
+    return f"wall_{name.replace('-', '_')}"
+
+
 def _longest_flow(particle: Particle, outlet: float, count: int) -> float:
     """Longest discharge [s], after which a hopper counts as blocked: four times Beverloo's, and two seconds."""
     grain = particle.typical.equivalent_diameter
@@ -313,7 +410,7 @@ def _longest_flow(particle: Particle, outlet: float, count: int) -> float:
 
 
 def _poured(
-    source: filling.Outlet, particle: Particle, count: int, sizes: Array | None, random: np.random.Generator
+    source: filling.Source, particle: Particle, count: int, sizes: Array | None, random: np.random.Generator
 ) -> tuple[Pour, Array | None]:
     """Batches of beads that find room below the outlet, while earlier ones fall freely; and the turns of clumps."""
     batches: list[Array] = []
@@ -323,7 +420,11 @@ def _poured(
     patience = 0
     while placed < count and patience < filling.PATIENCE:
         due = filling.due_at(source, len(batches) * LOOK, count) - placed
-        new = filling.places(falling, radii, source, wide[placed : placed + max(due, 0)], random)
+        own = isinstance(source, custom.Pouring)  # a region, in which a new bead may come to lie below earlier ones
+        if isinstance(source, custom.Pouring):
+            source.time = len(batches) * LOOK
+        due_now = wide[placed : placed + max(due, 0)]
+        new = filling.places(falling, radii, source, due_now, random, in_shade=not own)
         batches.append(new)
         if (turned := filling.turns_of(len(new), particle, random)) is not None:
             turns.append(turned)

@@ -267,21 +267,35 @@ def due_at(source: Source, time: float, count: int) -> int:
     return min(count, math.ceil(source.rate * (time + LOOK)))
 
 
-def places(occupied: Array, radii: Array, source: Source, diameters: Array, rng: np.random.Generator) -> Array:
+def places(
+    occupied: Array,
+    radii: Array,
+    source: Source,
+    diameters: Array,
+    rng: np.random.Generator,
+    *,
+    in_shade: bool = True,
+) -> Array:
     """Positions [m] in the layer above the outlet for the first of particles of these `diameters` [m].
 
-    They are clear of each other and of all particles at `occupied`, which have `radii`.
+    They are clear of each other and of all particles at `occupied`, which have `radii`; without `in_shade` also of the
+    way down of these, which fall faster than a new particle.
     """
     due = len(diameters)
     near = occupied[:, 2] > source.height - CLEAR * max(diameters.max(initial=0.0), 2 * radii.max(initial=0.0))
     taken, around = occupied[near], radii[near]
+    falling = 0 if in_shade else len(taken)
     found: list[Array] = []
     for _ in range(TRIES * due):
         if len(found) == due:
             break
         diameter = float(diameters[len(found)])
         place = source.draw(diameter, rng)
-        if place is not None and (((taken - place) ** 2).sum(1) > (CLEAR * (around + diameter / 2)) ** 2).all():
+        if place is None:
+            continue
+        apart = taken - place
+        apart[:falling, 2] = np.minimum(apart[:falling, 2], 0.0)
+        if ((apart**2).sum(1) > (CLEAR * (around + diameter / 2)) ** 2).all():
             taken, around = np.vstack([taken, place]), np.append(around, diameter / 2)
             found.append(place)
     return np.array(found).reshape(-1, 3)
@@ -306,13 +320,15 @@ def scattered(
     random: np.random.Generator,
     said: str = "count",
     thrown: float = THROWN,
+    sizes: Array | None = None,
 ) -> tuple[Array, Array, Array | None]:
     """Places [m] and velocities [m/s] of particles as `scatter` adds them, both of shape (count, 3), and their sizes.
 
     Sizes are over the largest, None where all are alike.  `said` is the setting that determines `count`, for the error
-    message; `thrown` [m/s] the standard deviation of each component of the velocity.
+    message; `thrown` [m/s] the standard deviation of each component of the velocity.  `sizes`, where they are drawn
+    already, take the place of new ones.
     """
-    sizes = _sizes(count, particle, random)
+    sizes = _sizes(count, particle, random) if sizes is None else sizes
     sites, shift = _sites_of(count, inside, box, particle, sizes)
     if len(sites) < count:
         raise _too_many(count, particle, len(sites), said)
