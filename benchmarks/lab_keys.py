@@ -109,6 +109,9 @@ def page() -> str:
         f"\nWithout an entry: materials {', '.join(hlosta2020.MATERIALS)}; particles {', '.join(hlosta2020.NAMES)}; "
         f"their contacts with one another and with walls of {', '.join(hlosta2020.WALLS)} ({hlosta2020.CITATION}).\n"
     )
+    parts += _part("[rigs.NAME]", schema.CustomRigEntry)
+    parts += _part("[rigs.NAME.walls.WALL]", schema.WallEntry)
+    parts += _part("[rigs.NAME.fill]` and `[rigs.NAME.regions.REGION]", schema.RegionEntry)
     parts.append("\n## `[[experiments]]`\n\nKeys of every experiment; those of its rig stand beside them.\n")
     parts.append(_table(keys(schema._ExperimentEntry)))
     for rig, entry in schema.experiment_entries().items():
@@ -176,6 +179,11 @@ def template() -> str:
     lines += [""]
     for number, (rig, experiment) in enumerate(schema.experiment_entries().items()):
         lines += _experiment(rig, experiment, in_full=number == 0)
+    lines += _rule("rigs of your own, for `rigtwin simulate custom` (docs/own_rigs.md)")
+    lines += _off(_entry("[rigs.mixer]", keys(schema.CustomRigEntry, {"walls", "fill", "regions"})))
+    lines += _off(_entry("[rigs.mixer.fill]", keys(schema.RegionEntry)))
+    lines += _off(_entry("[rigs.mixer.walls.drum]", keys(schema.WallEntry)))
+    lines += _off(_entry("[rigs.mixer.regions.drum]", keys(schema.RegionEntry, {"shape"})))
     lines += _rule("for `rigtwin diagnose`: standard uncertainties of what is stated")
     lines += _entry("[uncertainty]", keys(schema.UncertaintyEntry))
     return "\n".join(lines).rstrip("\n") + "\n"
@@ -203,6 +211,11 @@ def _contact(other: str, *, said: bool) -> list[str]:
 
 def _entry(header: str, rows: Iterable[Key], live: Iterable[str] = ()) -> list[str]:
     return [header, *_lines(rows, set(live)), ""]
+
+
+def _off(lines: Iterable[str]) -> list[str]:
+    """The lines as comments."""
+    return [line if not line or line.startswith("#") else f"# {line}" for line in lines]
 
 
 def _lines(rows: Iterable[Key], live: set[str]) -> Iterator[str]:
@@ -273,6 +286,7 @@ def silent() -> list[str]:
     tables = {
         "lab": schema.LabEntry, "materials": schema.MaterialEntry, "particles": schema.ParticleEntry,
         "contacts": schema.ContactEntry, "uncertainty": schema.UncertaintyEntry, "camera": schema.CameraEntry,
+        "rigs": schema.CustomRigEntry, "walls": schema.WallEntry, "regions": schema.RegionEntry,
         "sizes": schema.SizesEntry, "files": schema.FileEntry, "experiments": schema._ExperimentEntry,
         **schema.experiment_entries(),
     }  # fmt: skip

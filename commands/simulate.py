@@ -581,15 +581,19 @@ def simulate_hopper(
     return partial(hopper_twin, rig, cast, duration=duration, **waits, **asked)
 
 
-def _box(text: str) -> Any:
-    """A box from "x,y,z..x,y,z", as lab.toml states it."""
-    from rigtwin.lab.errors import BadInput
+def _box(flag: str) -> Callable[[str], Any]:
+    """Reader of a box from "x,y,z..x,y,z", as lab.toml states it."""
 
-    low, dots, high = text.partition("..")
-    corners = [[one.strip() for one in corner.split(",")] for corner in (low, high)]
-    if not dots or any(len(corner) != 3 for corner in corners):
-        raise BadInput(f"{text!r} is no box; write two corners like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
-    return {"low": corners[0], "high": corners[1]}
+    def read(text: str) -> Any:
+        from rigtwin.lab.errors import BadInput
+
+        low, dots, high = text.partition("..")
+        corners = [[one.strip() for one in corner.split(",")] for corner in (low, high)]
+        if not dots or any(len(corner) != 3 for corner in corners):
+            raise BadInput(f"{flag}: {text!r} is no box; write two corners like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
+        return {"low": corners[0], "high": corners[1]}
+
+    return read
 
 
 @app.command(
@@ -616,11 +620,21 @@ def simulate_custom(
     ] = None,
     fill: Annotated[
         Any,
-        option("--fill", "X,Y,Z..X,Y,Z", "Box in which particles are placed, clear of walls; needed by --stl.", _box),
+        option(
+            "--fill",
+            "X,Y,Z..X,Y,Z",
+            "Box in which particles are placed, clear of walls; needed by --stl.",
+            _box("--fill"),
+        ),
     ] = None,
     region: Annotated[
         Any,
-        option("--region", "X,Y,Z..X,Y,Z", "Box in which particles are counted and the bed height is taken.", _box),
+        option(
+            "--region",
+            "X,Y,Z..X,Y,Z",
+            "Box in which particles are counted and the bed height is taken.",
+            _box("--region"),
+        ),
     ] = None,
     particle: Annotated[str | None, option("--particle", "NAME", "In place of the rig's; with --stl D6.")] = None,
     wall: Annotated[str | None, option("--wall", "NAME", "Material, in place of the rig's; with --stl steel.")] = None,
@@ -662,8 +676,7 @@ def simulate_custom(
             raise BadInput("--rig and --stl both say which walls there are; leave one of them out.")
         if fill is None:
             raise BadInput("--fill: --stl needs it: two corners of a box, like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
-        names = {f"{file.stem}" if len(stl) == len({one.stem for one in stl}) else str(file): file for file in stl}
-        walls = {name: {"stl": str(file), "stl_unit": stl_unit or "mm"} for name, file in names.items()}
+        walls = {f"stl{k}": {"stl": str(file), "stl_unit": stl_unit or "mm"} for k, file in enumerate(stl, start=1)}
         usual = {"particle": "D6", "wall": "steel", "count": 500, "end": "at rest"}
         own = rig_of_keys({**usual, **keys, "walls": walls}, lab)
     elif lab is None:

@@ -196,7 +196,7 @@ def replayed(rig: CustomRig, particle: Particle, frames: Sequence[Frame], *, ask
 def _remaining(frame: Frame, particle: Particle, domain: tuple[Array, Array], gone: set[int]) -> Frame:
     """The frame without particles that have left the domain, which go into `gone`."""
     each = len(particle.radii)
-    inside = ((frame.position >= domain[0]) & (frame.position <= domain[1])).all(axis=1)
+    inside = _inside(frame.position, domain)
     owner = frame.ident // each
     gone.update(owner[~inside].tolist())
     keep = ~np.isin(owner, list(gone))
@@ -222,6 +222,10 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
         )
     if rig.pour_speed and rig.pour_rate is None:
         raise BadInput("pour_speed: belongs to a pour_rate; leave it out.")
+
+
+def _inside(points: Array, domain: tuple[Array, Array]) -> npt.NDArray[np.bool_]:
+    return np.asarray(((points >= domain[0]) & (points <= domain[1])).all(axis=1))
 
 
 def _box(points: Array) -> str:
@@ -360,7 +364,9 @@ class _Books(filling.Course):
 
     def note_gone(self, before: Grains, now: Grains, domain: tuple[Array, Array], interval: float) -> None:
         """Count the particles that left, and through which side: that beyond which their flight led them farthest."""
-        gone = ~np.isin(before.ident, now.ident)
+        # the engine removes a particle some steps after it has left
+        there = now.ident[_inside(now.position, domain)]
+        gone = ~np.isin(before.ident, there) & _inside(before.position, domain)
         if not gone.any():
             return
         ahead = before.position[gone] + interval * before.velocity[gone]

@@ -178,14 +178,15 @@ COMMANDS = [
     ["measure", "lab"],
     *([group, rig] for group in ("measure", "simulate") for rig in RIGS),
     *(["export", card] for card in ("edem", "csv")),
-    *(["export", code, rig] for code in DECKS for rig in ("packing", "pile", "drum", "hopper")),
+    *(["export", code, rig] for code in DECKS for rig in ("packing", "pile", "drum", "hopper", "custom")),
+    ["simulate", "custom"],
 ]
 LISTED = {
     (): len(SINGLE) + 3,
     ("measure",): len(RIGS) + 1,
-    ("simulate",): len(RIGS),
+    ("simulate",): len(RIGS) + 1,
     ("export",): 5,
-    ("export", "yade"): 4,
+    ("export", "yade"): 5,
 }
 
 

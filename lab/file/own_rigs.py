@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +48,7 @@ _ANY: dict[str, Any] = {  # keys that an entry must have
     "wall": "steel",
     "walls": {"wall": {"stl": "wall.stl"}},
 }
+NAMES = re.compile(r"[A-Za-z0-9_-]{1,60}")  # of walls and regions
 MOTIONS = ("velocity", "rotation_speed", "vibration_amplitude")
 
 
@@ -246,6 +248,10 @@ def _faults(entry: CustomRigEntry) -> Iterator[tuple[Key, str]]:
         yield (there,), f"{missing} is not given; give both corners of the domain, or none."
     elif entry.low is not None and entry.high is not None:
         yield from _corners((), entry.low, entry.high)
+    for kind, names in (("walls", entry.walls), ("regions", entry.regions)):
+        for name in names:
+            if not NAMES.fullmatch(name):
+                yield (kind, name), "a name has letters, digits, hyphens and underscores only, as it names a file."
     yield from _of_region(("fill",), entry.fill)
     for name, region in entry.regions.items():
         yield from _of_region(("regions", name), region)
@@ -256,7 +262,7 @@ def _faults(entry: CustomRigEntry) -> Iterator[tuple[Key, str]]:
 def _corners(key: Key, low: tuple[float, ...], high: tuple[float, ...]) -> Iterator[tuple[Key, str]]:
     for axis, a, b in zip("xyz", low, high, strict=True):
         if not a < b:
-            yield (*key, "high"), f"is {_size(b)} along {axis}, not above low ({_size(a)}); exchange them."
+            yield (*key, "high"), f"is {_size(b)} along {axis}, not above low ({_size(a)}); give the opposite corner."
 
 
 def _of_region(key: Key, region: RegionEntry) -> Iterator[tuple[Key, str]]:

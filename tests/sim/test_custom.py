@@ -1,0 +1,233 @@
+"""Rigs of the user's own: beds against plane walls, motions against closed forms, counting against conservation."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import gsd.hoomd
+import numpy as np
+import pytest
+import trimesh
+
+from rigtwin.lab.checksums import sha256
+from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
+from rigtwin.lab.errors import BadInput
+from rigtwin.lab.materials import Contact
+from rigtwin.lab.reference import hlosta2020
+from rigtwin.sim import custom
+from rigtwin.sim.engine.walls.shapes import Plane
+from rigtwin.sim.run import filling
+from rigtwin.sim.run.set_up import Bench
+
+D6 = hlosta2020.particle("D6")
+PMMA = hlosta2020.material("PMMA")
+AMONG, AT_WALL = hlosta2020.contact("D6", "D6"), hlosta2020.contact("D6", "PMMA")
+SMOOTH = Contact(0.1, 0.0, 0.0)
+G = 9.81
+
+
+def wall(folder: Path, name: str, mesh: trimesh.Trimesh, **motion) -> StlWall:
+    """A wall of a mesh in millimetres."""
+    path = folder / f"{name}.stl"
+    mesh.export(path)
+    return StlWall(str(path), 1e-3, sha256(path), "PMMA", **motion)
+
+
+def cup(wide: float, high: float) -> trimesh.Trimesh:
+    """A square cup without a lid, its floor at z = 0."""
+    mesh = trimesh.creation.box((wide, wide, high))
+    mesh.apply_translation((0, 0, high / 2))
+    mesh.update_faces(~np.isclose(mesh.triangles_center[:, 2], high))
+    return mesh
+
+
+def quad(*corners: tuple[float, float, float]) -> trimesh.Trimesh:
+    return trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]])
+
+
+def floor(half: float, z: float = 0.0) -> trimesh.Trimesh:
+    return quad((-half, -half, z), (half, -half, z), (half, half, z), (-half, half, z))
+
+
+def single(x: float, z: float) -> Region:
+    """Room for one bead in the lattice."""
+    side = 1.4 * D6.diameter / 2
+    return Region((x - side, -side, z), (x + side, side, z + 2 * side))
+
+
+def heights(folder: Path, seed: int) -> tuple[float, float]:
+    """Height [m] of a bed in a cup from an STL file, and of the same beads between five planes."""
+    box = Region((-0.02, -0.02, 0.0), (0.02, 0.02, 0.1))
+    rig = CustomRig({"cup": wall(folder, "cup", cup(40, 120))}, box, end="at rest", regions={"bed": box})
+    course = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=200, seed=seed)
+    assert course.at_rest
+    assert course.inside["bed"][0] == 200
+    planes = [Plane((0, 0, 0), (0, 0, 1))]
+    planes += [Plane(tuple(-0.02 * s * np.eye(3)[k]), tuple(s * np.eye(3)[k])) for k in (0, 1) for s in (-1.0, 1.0)]
+    bulk = Bench(rig, D6, PMMA, AMONG, AT_WALL, {}).bulk(planes, ((-0.03, -0.03, -0.01), (0.03, 0.03, 0.13)))
+    source = custom.Pouring(rig)
+    places, _, _ = filling.scattered(200, source.inside, source.box, D6, np.random.default_rng(seed), thrown=0.0)
+    bulk.add(places)
+    bulk.run(round(0.5 / bulk.time_step))
+    beads = bulk.beads()
+    return course.bed_heights["bed"], custom.bed_height(box, beads.position, beads.radius)
+
+
+def test_a_bed_in_an_stl_box_is_that_between_planes(tmp_path):
+    found = np.array([heights(tmp_path, seed) for seed in (1, 2, 3)])
+    # seeds scatter by 0.5 mm; beds of the same start by a tenth of that
+    assert found[:, 0].mean() == pytest.approx(found[:, 1].mean(), abs=0.25e-3)
+
+
+def on_belt(folder: Path, friction: Contact, **motion) -> float:
+    """Speed [m/s] of a bead 0.7 s after it has been placed on a moving plate."""
+    plate = wall(folder, "plate", floor(300.0), velocity=(0.2, 0.0, 0.0), **motion)
+    rig = CustomRig({"plate": plate}, single(-0.1, 0.001), duration=0.7, interval=0.01)
+    folder.joinpath("belt.gsd").unlink(missing_ok=True)
+    custom.run(rig, D6, PMMA, AMONG, friction, count=1, trajectory=folder / "belt.gsd")
+    with gsd.hoomd.open(folder / "belt.gsd") as file:
+        return float(file[-1].particles.velocity[0, 0])
+
+
+def test_a_ball_on_a_belt_rolls_at_two_sevenths_of_its_speed_and_one_that_cannot_roll_takes_all_of_it(tmp_path):
+    # from rest: m v = J and (2/5) m R^2 w = J R, and rolling means v + w R = v_belt
+    rolls = Contact(0.2, 0.8, 0.0)
+    assert on_belt(tmp_path, rolls, belt=True) == pytest.approx(0.2 * 2 / 7, rel=0.01)
+    assert on_belt(tmp_path, replace(rolls, rolling_friction=5.0), belt=True) == pytest.approx(0.2, rel=0.01)
+    # a plate that moves as a whole does the same as long as the ball is on it
+    assert on_belt(tmp_path, rolls) == pytest.approx(0.2 * 2 / 7, rel=0.01)
+
+
+def test_a_turning_paddle_throws_a_smooth_bead_outwards_as_a_turning_tube_does(tmp_path):
+    spin, start = 2 * math.pi, 0.25
+    paddle = quad((5, 0, 0.5), (120, 0, 0.5), (120, 0, 20), (5, 0, 20))
+    walls = {
+        "floor": wall(tmp_path, "floor", floor(150.0)),
+        "paddle": wall(tmp_path, "paddle", paddle, rotation_speed=spin, start=start),
+    }
+    fill = Region((0.02, 0.004, 0.0005), (0.0285, 0.0125, 0.009))
+    rig = CustomRig(walls, fill, duration=0.5, low=(-0.2, -0.2, -0.05), high=(0.2, 0.2, 0.1))
+    # the time step follows from the restitution: without a bounce the bead stays on the paddle
+    custom.run(
+        rig, D6, PMMA, SMOOTH, SMOOTH, count=1, trajectory=tmp_path / "p.gsd", trajectory_interval=1e-3,
+        stiffness_factor=0.01,
+    )  # fmt: skip
+    with gsd.hoomd.open(tmp_path / "p.gsd") as file:
+        rows = [(frame.log["time_s"][0], *frame.particles.position[0]) for frame in file]
+    time, x, y, z = np.array(rows).T
+    turned = spin * np.maximum(time - start, 0.0)
+    along, off = x * np.cos(turned) + y * np.sin(turned), y * np.cos(turned) - x * np.sin(turned)
+    assert off.min() > D6.radius * 0.97  # never inside the paddle
+    met = int(np.argmax(off < 1.01 * D6.radius))
+    assert 0 < met < len(time) - 100
+    # along the paddle s'' = w^2 s, from a bead at rest before: s' = w R as it is met
+    since = spin * (time[met:] - time[met])
+    assert along[met:] == pytest.approx(along[met] * np.cosh(since) + D6.radius * np.sinh(since), rel=0.03)
+    assert z[met:] == pytest.approx(D6.radius, rel=0.03)
+    assert along[-1] > 1.5 * along[met]
+
+
+def test_a_cup_that_is_turned_over_empties_and_every_bead_is_counted_once(tmp_path):
+    turned = wall(
+        tmp_path, "cup", cup(40, 60), rotation_speed=4 * math.pi, rotation_axis=(0.0, 1.0, 0.0),
+        rotation_point=(0.0, 0.0, 0.03), start=0.3, stop=0.55,
+    )  # fmt: skip
+    rig = CustomRig(
+        {"cup": turned}, Region((-0.02, -0.02, 0.0), (0.02, 0.02, 0.06)), low=(-0.3, -0.3, -0.1),
+        high=(0.3, 0.3, 0.2), duration=2.0, end="empty",
+    )  # fmt: skip
+    course = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=80, seed=2)
+    times = course.series[0].time
+    inside, mass = course.series[0].value, course.series[1].value
+    assert inside[times < 0.3].tolist() == [80] * int((times < 0.3).sum())
+    assert inside[-1] == 0
+    assert course.time < 1.5
+    assert course.discharged[0] + course.escaped[0] == 80
+    assert course.discharged[1] + course.escaped[1] == pytest.approx(80 * D6.mass)
+    discharged = next(one for one in course.series if one.quantity == "mass_discharged").value
+    escaped = 80 * D6.mass - mass - discharged
+    assert (np.diff(escaped) > -1e-12).all()
+
+
+def test_the_flow_out_of_a_funnel_begins_as_its_slide_is_taken_away(tmp_path):
+    narrow, wide = 16.0, 30.0
+    sides = []
+    for k in range(4):
+        turn = trimesh.transformations.rotation_matrix(k * math.pi / 2, (0, 0, 1))
+        for low, high, z, to in ((narrow, wide, 0.0, 30.0), (wide, wide, 30.0, 90.0)):
+            side = quad((low, -low, z), (low, low, z), (high, high, to), (high, -high, to))
+            side.apply_transform(turn)
+            sides.append(side)
+    walls = {
+        "funnel": wall(tmp_path, "funnel", trimesh.util.concatenate(sides)),
+        "slide": wall(tmp_path, "slide", floor(narrow + 0.5, -0.001), removed=0.4),
+    }
+    rig = CustomRig(
+        walls, Region((-0.03, -0.03, 0.03), (0.03, 0.03, 0.09)), low=(-0.035, -0.035, -0.03), high=(0.035, 0.035, 0.1),
+        duration=3.0, end="empty", interval=5e-3,
+    )  # fmt: skip
+    course = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=200, seed=1)
+    assert course.discharged == (200, pytest.approx(200 * D6.mass))
+    mass = next(one for one in course.series if one.quantity == "mass_discharged")
+    fall = math.sqrt(2 * 0.027 / G)  # from the slide to the lower side of the domain
+    assert mass.time[np.argmax(mass.value > 0)] == pytest.approx(0.4 + fall, abs=0.03)
+    assert course.mass_flow_rate is not None
+    assert course.mass_flow_rate == pytest.approx(course.discharged[1] / (course.time - 0.4 - fall), rel=0.35)
+
+
+def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path):
+    shaken = wall(
+        tmp_path, "cup", cup(40, 80), vibration_amplitude=(0.0, 0.0, 1e-3), vibration_frequency=20.0, start=0.1
+    )
+    rig = CustomRig(
+        {"cup": shaken}, Region((-0.018, -0.018, 0.01), (0.018, 0.018, 0.07)), pour_rate=300.0, duration=0.4
+    )
+
+    def stop(_stage: str, done: float, _total: float) -> None:
+        if done > 0.2:
+            raise KeyboardInterrupt
+
+    run = {"count": 60, "seed": 3, "checkpoint": tmp_path / "kept.npz", "checkpoint_interval": 0.0}
+    with pytest.raises(KeyboardInterrupt):
+        custom.run(rig, D6, PMMA, AMONG, AT_WALL, progress=stop, **run)
+    resumed = custom.run(rig, D6, PMMA, AMONG, AT_WALL, **run)
+    whole = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=60, seed=3)
+    assert np.array_equal(resumed.centres, whole.centres)
+    assert all(np.array_equal(a.value, b.value) for a, b in zip(resumed.series, whole.series, strict=True))
+    assert whole.inside["domain"][0] == 60
+
+
+def test_the_height_of_a_bed_is_that_of_its_uppermost_beads_above_the_floor_of_the_region():
+    r, box = 0.015, Region((0.0, 0.0, 0.02), (0.04, 0.04, 0.05))
+    ball = np.array([[0.02, 0.02, 0.03]])
+    # its upper half has the volume 2/3 pi r^3 above a disc 10 mm over the floor of the region
+    filled = math.pi * r**2 * 0.01 + 2 / 3 * math.pi * r**3
+    assert custom.bed_height(box, ball, np.array([r])) == pytest.approx(filled / 0.04**2, rel=0.01)
+    tube = replace(box, shape="cylinder")
+    assert custom.bed_height(tube, ball, np.array([r])) == pytest.approx(filled / (math.pi * 0.02**2), rel=0.01)
+    corner = np.array([[0.001, 0.001, 0.03]])
+    assert custom.within(box, corner)[0]
+    assert not custom.within(tube, corner)[0]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"low": (0.5, 0.5, 0.5), "high": (0.6, 0.6, 0.6)}, r"walls\.cup: lies outside the domain.*check stl_unit"),
+        ({"low": (-0.03, -0.03, -0.01), "high": (0.03, 0.03, 0.04)}, "fill: is x -18 to 18 mm"),
+        ({"interval": -1.0}, "interval"),
+    ],
+)
+def test_a_rig_that_cannot_be_is_refused(tmp_path, changed, words):
+    rig = CustomRig({"cup": wall(tmp_path, "cup", cup(40, 80))}, Region((-0.018, -0.018, 0.01), (0.018, 0.018, 0.07)))
+    with pytest.raises(BadInput, match=words):
+        custom.run(replace(rig, **changed), D6, PMMA, AMONG, AT_WALL, count=5)
+
+
+def test_a_wall_too_fast_for_the_time_step_is_named(tmp_path):
+    fast = wall(tmp_path, "cup", cup(40, 80), velocity=(0.0, 0.0, 50.0))
+    rig = CustomRig(
+        {"cup": fast}, Region((-0.018, -0.018, 0.01), (0.018, 0.018, 0.07)), low=(-0.1, -0.1, -0.1), high=(0.1,) * 3
+    )
+    with pytest.raises(BadInput, match=r"walls\.cup moves by up to .* let it move more slowly"):
+        custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=5)
