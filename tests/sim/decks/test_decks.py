@@ -8,16 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from rigtwin.cli import run
 from rigtwin.compare.compare_lab import compare
+from rigtwin.lab.checksums import sha256
 from rigtwin.lab.clumps import clump, row
+from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, clumped, sized
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 from rigtwin.lab.size_distributions import sieved, uniform
-from rigtwin.sim import packing
+from rigtwin.sim import custom, packing
 from rigtwin.sim.decks import commands, lammps
 from rigtwin.sim.decks.deck import CODES, END, RECORD, Deck, read_deck, triangles
 from rigtwin.sim.decks.read import frames, record_of
@@ -505,3 +508,114 @@ def test_a_bead_bounces_in_yade_with_the_restitution_that_was_given(restitution,
     )
     subprocess.run(["yade", "-n", "-x", "bounce.py"], cwd=tmp_path, check=True, capture_output=True, timeout=300)
     assert float((tmp_path / "speed.txt").read_text()) / 0.5 == pytest.approx(restitution, abs=0.01)
+
+
+# ---------------------------------------------------------------------- rigs of the user's own
+
+FUNNEL = Region((-0.05, -0.05, 0.0), (0.05, 0.05, 0.07))
+SLIDE, PLATE = trimesh.creation.box((50, 50, 1)), trimesh.creation.box((10, 40, 1))
+
+
+def own_rig(folder, **more):
+    """A funnel with a slide that is taken away, above a plate that shakes, turns and moves."""
+    rings = [[(s * h, c * h, z) for s, c in ((-1, -1), (1, -1), (1, 1), (-1, 1))] for h, z in ((15, 0), (25, 20))]
+    rings.append([(x, y, 60) for x, y, _ in rings[1]])
+    faces = [
+        face
+        for k in (0, 4)
+        for i in range(4)
+        for face in ((k + i, k + (i + 1) % 4, k + 4 + i), (k + (i + 1) % 4, k + 4 + (i + 1) % 4, k + 4 + i))
+    ]
+    funnel = trimesh.Trimesh(np.concatenate(rings), faces)
+    walls = {}
+    moves = {"velocity": (0.01, 0.0, 0.0), "rotation_speed": 3.0, "rotation_axis": (0.0, 0.0, 1.0), "start": 0.1}
+    sways = {"vibration_amplitude": (0.0, 0.0, 5e-4), "vibration_frequency": 30.0, "stop": 0.6}
+    for name, mesh, at, motion in (
+        ("funnel", funnel, 0.0, {}),
+        ("slide", SLIDE, -0.5, {"removed": 0.4}),
+        ("base-plate", PLATE, -30.0, {**moves, **sways}),
+    ):
+        made = mesh.copy()
+        made.apply_translation((0, 0, at))
+        made.export(folder / f"{name}.stl")
+        file = folder / f"{name}.stl"
+        walls[name] = StlWall(str(file), 1e-3, sha256(file), "PMMA", **motion)
+    fill = Region((-0.015, -0.015, 0.015), (0.015, 0.015, 0.055))
+    low, high = (-0.07, -0.07, -0.06), (0.07, 0.07, 0.07)
+    return CustomRig(walls, fill, low, high, duration=1.0, end="empty", regions={"funnel": FUNNEL}, **more)
+
+
+def own_deck(folder, code="liggghts", count=12, **more):
+    walls = {"base-plate": (hlosta2020.material("steel"), hlosta2020.contact("D6", "steel"))}
+    contacts = hlosta2020.contact("D6", "D6"), hlosta2020.contact("D6", "PMMA")
+    made = Deck(code, own_rig(folder, **more), D6, hlosta2020.material("PMMA"), *contacts, count=count, seed=3)
+    return replace(made, surfaces=walls)
+
+
+@pytest.mark.parametrize("pour", [{}, {"pour_rate": 100.0, "pour_speed": 0.3}], ids=["at once", "poured"])
+def test_a_deck_of_an_own_rig_is_built_again_from_its_folder_alone(tmp_path, pour):
+    (tmp_path / "stl").mkdir()
+    made = own_deck(tmp_path / "stl", **pour)
+    write(tmp_path / "deck", made)
+    shutil.rmtree(tmp_path / "stl")
+    again = read_deck(tmp_path / "deck")
+    assert again.files().keys() == made.files().keys()
+    assert again.files()["in.liggghts"] == made.files()["in.liggghts"]
+    assert again.files()["deck.json"] == made.files()["deck.json"]
+
+
+def test_walls_of_stl_files_move_as_the_lab_says(tmp_path):
+    text = own_deck(tmp_path).files()["in.liggghts"]
+    begins = text.index("fix move0_wall_base_plate all move/mesh mesh wall_base_plate linear 0.01 0 0")
+    shakes = text.index("move/mesh mesh wall_base_plate wiggle amplitude 0 0 0.0005 period 0.03333333333")
+    turns = text.index("move/mesh mesh wall_base_plate rotate origin 0 0 0 axis 0 0 1 period 2.094395102")
+    assert begins < shakes < turns < text.index("unfix wall_slide") < text.index("unfix move2_wall_base_plate")
+    assert "fix wall_base_plate all mesh/surface file wall_base_plate.stl type 3" in text
+    card = own_deck(tmp_path).files()["contacts.in"]
+    assert "coefficientFriction peratomtypepair 3 " in card
+    steps = [int(line.split()[1]) for line in text.partition("# recorded")[0].splitlines() if line.startswith("run ")]
+    assert sum(steps) * own_deck(tmp_path).time_step == pytest.approx(0.6, abs=1e-4)
+
+
+@pytest.mark.parametrize("code", ["lammps", "yade"])
+def test_a_code_without_meshes_refuses_walls_of_stl_files(tmp_path, code):
+    with pytest.raises(BadInput, match="holds no walls from STL files; export the rig for LIGGGHTS"):
+        own_deck(tmp_path, code)
+
+
+def test_a_belt_that_starts_later_is_refused_in_a_deck(tmp_path):
+    made = own_deck(tmp_path)
+    walls = {name: replace(one, belt=name == "base-plate") for name, one in made.rig.walls.items()}
+    with pytest.raises(BadInput, match="a belt in a LIGGGHTS deck moves all the time"):
+        replace(made, rig=replace(made.rig, walls=walls)).files()
+
+
+def test_what_finds_no_room_at_once_is_refused_in_a_deck(tmp_path):
+    with pytest.raises(BadInput, match=r"do not fit in; at most \d+ find room. A deck places all at once: give a pour"):
+        own_deck(tmp_path, count=2000).files()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("liggghts") is None, reason="LIGGGHTS is not installed")
+@pytest.mark.parametrize("pour", [{}, {"pour_rate": 200.0, "pour_speed": 0.3}], ids=["at once", "poured"])
+def test_liggghts_runs_an_own_rig_to_the_same_discharge(tmp_path, pour):
+    made = own_deck(tmp_path, count=60, **pour)
+    write(tmp_path / "deck", made)
+    done = subprocess.run(made.command.split(), cwd=tmp_path / "deck", capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:]
+    theirs = record_of(tmp_path / "deck", read_deck(tmp_path / "deck"))
+    ours = custom.run(
+        made.rig, D6, made.wall, made.contact, made.wall_contact, count=60, seed=made.seed, surfaces=made.surfaces
+    )
+    halves = []
+    for course in (ours, theirs):
+        funnel = course.series[0]
+        assert course.placed == 60
+        assert funnel.value[np.searchsorted(funnel.time, 0.39)] == 60
+        assert funnel.value[-1] == 0
+        halves.append(funnel.time[np.argmax((funnel.value <= 30) & (funnel.time > 0.4))])
+        gone = course.discharged[0] + course.escaped[0]
+        assert gone > 30
+    assert halves[0] == pytest.approx(halves[1], abs=0.03)  # two looks are 0.02 s apart
+    mine, other = (course.discharged[0] + course.escaped[0] for course in (ours, theirs))
+    assert mine == pytest.approx(other, abs=3 * math.sqrt(60 * 0.25))  # each lies on the plate still, or does not
