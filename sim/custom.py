@@ -394,7 +394,15 @@ class _Books(filling.Course):
         filled = self.placed >= count or self.patience >= filling.PATIENCE
         moves_later = any(wall.moves and wall.start >= time for wall in rig.walls.values())
         waits = moves_later or any((wall.removed or 0.0) > time for wall in rig.walls.values())
-        over = {"time": False, "at rest": self.at_rest and not waits, "empty": not len(grains.ident)}[rig.end]
+        moving = any(
+            wall.moves and time < (math.inf if wall.stop is None else wall.stop) for wall in rig.walls.values()
+        )
+        stuck = self.at_rest and not waits and not moving  # nothing leaves any more
+        over = {
+            "time": False,
+            "at rest": self.at_rest and not waits,
+            "empty": not len(grains.ident) or stuck,
+        }[rig.end]
         self.ended = time >= rig.duration - rig.interval / 2 or (filled and over)
 
 
@@ -503,7 +511,9 @@ def _course_of(
     if rig.end == "at rest" and not books.at_rest:
         said.append("the particles were still moving when the time limit was reached; raise duration")
     if rig.end == "empty" and len(grains.ident):
-        said.append(f"{len(grains.ident)} particles were still there when the time limit was reached; raise duration")
+        rest = "rest: they arch over an opening, or lie on a wall"
+        limit = "were still there when the time limit was reached; raise duration"
+        said.append(f"{len(grains.ident)} particles {rest if books.at_rest else limit}")
     return Course(
         series=tuple(Series(times, values, name, unit) for (name, unit), values in zip(named, columns, strict=True)),
         inside={name: (int(there.sum()), float(grains.mass[there].sum())) for name, there in inside.items()},

@@ -614,3 +614,43 @@ def test_reading_the_energy_balance_does_not_change_the_bits(churned):
         bed.budget()
         bed.run(100)
     assert same(bed.beads(), churned[0])
+
+
+# ---------------------------------------------------------------------- vibration
+
+
+def test_a_ball_on_a_floor_that_shakes_along_itself_rolls_with_two_sevenths_of_its_speed():
+    amplitude, frequency = 0.5e-3, 20.0
+    shake = Motion(amplitude=(amplitude, 0, 0), frequency=frequency)
+    bed = bench(moving(Mesh(sheet(4)), shake, Contact(0.2, 5.0)))
+    bed.add([lying()])
+    bed.run(round(0.05 / STEP))
+    found, plate = [], []
+    for _ in range(40):
+        bed.run(50)
+        found.append(bed.beads().velocity[0, 0])
+        plate.append(2 * math.pi * frequency * amplitude * math.cos(2 * math.pi * frequency * bed.time))
+    assert np.array(found) == pytest.approx(2 / 7 * np.array(plate), abs=0.02 * max(plate))
+
+
+def test_a_bead_on_a_floor_that_shakes_less_than_gravity_stays_on_it():
+    amplitude, frequency = 0.4e-3, 18.0  # 0.52 g
+    shake = Motion(amplitude=(0, 0, amplitude), frequency=frequency, start=0.05)
+    bed = bench(moving(Mesh(sheet(4)), shake, Contact(0.1, 0.5)))
+    bed.add([lying()])
+    bed.run(round(0.3 / STEP))  # it hops as the floor starts at full speed
+    for _ in range(40):
+        bed.run(50)
+        floor = shake.displaced(bed.time)[2]
+        assert floor == pytest.approx(amplitude * math.sin(2 * math.pi * frequency * (bed.time - 0.05)), abs=1e-12)
+        # as deep as 0.48 to 1.52 weights press it
+        overlap = D6.radius + floor - bed.beads().position[0, 2]
+        assert 0.97 * depth(0.48 * G) < overlap < 1.03 * depth(1.52 * G)
+
+
+def test_a_shaken_wall_has_its_place_back_after_undoing():
+    motion = Motion((0.1, 0, 0), 2.0, (0, 1, 0), (0, 0, 0.1), 0.2, 0.9, amplitude=(0, 0.01, 0), frequency=7.0)
+    points = np.random.default_rng(1).normal(0, 0.1, (5, 3))
+    for time in (0.0, 0.5, 2.0):
+        assert motion.undone(motion.done(points, time), time) == pytest.approx(points, abs=1e-15)
+    assert motion.displaced(2.0) == pytest.approx([0.07, 0.01 * math.sin(2 * math.pi * 7 * 0.7), 0])
