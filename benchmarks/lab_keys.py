@@ -180,10 +180,10 @@ def template() -> str:
     for number, (rig, experiment) in enumerate(schema.experiment_entries().items()):
         lines += _experiment(rig, experiment, in_full=number == 0)
     lines += _rule("rigs of your own, for `rigtwin simulate custom` (docs/own_rigs.md)")
-    lines += _off(_entry("[rigs.mixer]", keys(schema.CustomRigEntry, {"walls", "fill", "regions"})))
-    lines += _off(_entry("[rigs.mixer.fill]", keys(schema.RegionEntry)))
-    lines += _off(_entry("[rigs.mixer.walls.drum]", keys(schema.WallEntry)))
-    lines += _off(_entry("[rigs.mixer.regions.drum]", keys(schema.RegionEntry, {"shape"})))
+    lines += _entry("[rigs.mixer]", keys(schema.CustomRigEntry, {"walls", "fill", "regions"}), live={"count"})
+    lines += _entry("[rigs.mixer.fill]", keys(schema.RegionEntry))
+    lines += _entry("[rigs.mixer.walls.drum]", keys(schema.WallEntry))
+    lines += _entry("[rigs.mixer.regions.drum]", keys(schema.RegionEntry, {"shape"}))
     lines += _rule("for `rigtwin diagnose`: standard uncertainties of what is stated")
     lines += _entry("[uncertainty]", keys(schema.UncertaintyEntry))
     return "\n".join(lines).rstrip("\n") + "\n"
@@ -211,11 +211,6 @@ def _contact(other: str, *, said: bool) -> list[str]:
 
 def _entry(header: str, rows: Iterable[Key], live: Iterable[str] = ()) -> list[str]:
     return [header, *_lines(rows, set(live)), ""]
-
-
-def _off(lines: Iterable[str]) -> list[str]:
-    """The lines as comments."""
-    return [line if not line or line.startswith("#") else f"# {line}" for line in lines]
 
 
 def _lines(rows: Iterable[Key], live: set[str]) -> Iterator[str]:

@@ -11,7 +11,7 @@ import typer
 
 from rigtwin.commands import simulate
 from rigtwin.commands.display import print_json
-from rigtwin.commands.options import Cluster, Outside, Seed, out_option
+from rigtwin.commands.options import Cluster, Outside, Seed, out_option, writable_folder
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -138,7 +138,7 @@ def calibrate(
     return partial(
         run,
         lab,
-        out or (lab if lab.is_dir() else lab.parent) / "calibration",
+        out or writable_folder((lab if lab.is_dir() else lab.parent) / "calibration"),
         fit=fit,
         hold_out=hold_out or (),
         budget=budget,

@@ -101,8 +101,8 @@ Again = Annotated[bool, typer.Option("--again", help="Measure repetitions again 
 
 
 def beside(lab: Path, out: Path | None) -> Path:
-    """Folder for results: `out`, or ``out`` in the lab folder."""
-    return out or (lab if lab.is_dir() else lab.parent) / "out"
+    """Folder for results: `out`, or ``out`` in the lab folder, which is refused where nothing may be written."""
+    return out or writable_folder((lab if lab.is_dir() else lab.parent) / "out")
 
 
 BeadDiameter = Annotated[float | None, quantity("--bead-diameter", "length", "6mm", "Diameter of the bead.")]

@@ -192,7 +192,7 @@ def cast_of(
     from rigtwin.compare.twins import by_name
     from rigtwin.compare.twins.many_body import Cast
 
-    model = by_name.model_of(lab)
+    model = by_name.model_of(lab, particle)
     bead, base = by_name.particle(particle, model), by_name.wall(wall, model)
     contact = by_name.contact(
         bead.name,
@@ -239,7 +239,7 @@ def simulate_drop(
     if turned is not None:
         not_beside("--turned", "nothing is left to chance", {"--seed": seed})
     rig = Drop(drop_height, turned=turned) if bounces is None else Drop(drop_height, bounces, turned)
-    model = by_name.model_of(lab)
+    model = by_name.model_of(lab, particle)
     bead, plate = by_name.particle(particle, model), by_name.wall(wall, model)
     if seed is not None and bead.shape is None:
         raise BadInput(f"--seed: {bead.name} is a sphere, of whose fall nothing is left to chance; leave it out.")
@@ -284,7 +284,7 @@ def simulate_pendulum(
     only_with("--variant", variant, {"--wall": (wall, "wall")})
     only_with("--hanger", hanger, {"--rod-mass": (rod_mass, "rod")})
     rig = Pendulum(length, release_angle, variant, hanger, rod_mass or 0.0)
-    model = by_name.model_of(lab)
+    model = by_name.model_of(lab, particle)
     bead, upright = (
         by_name.particle(particle, model),
         by_name.wall(wall or "steel", model) if variant == "wall" else None,
@@ -405,7 +405,7 @@ def simulate_tilt(
 
     only_with("--variant", variant, {"--rolling-friction": (rolling_friction, "roll")})
     rig = Tilt(variant, speed, start_angle, plate_length)
-    model = by_name.model_of(lab)
+    model = by_name.model_of(lab, particle)
     bead, plate = by_name.particle(particle, model), by_name.wall(wall, model)
     needs = ("static_friction", "rolling_friction")
     friction: dict[str, Any] = {"static_friction": static_friction, "rolling_friction": rolling_friction}

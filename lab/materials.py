@@ -12,6 +12,8 @@ from rigtwin.lab.errors import BadInput, TwinLacks
 from rigtwin.lab.size_distributions import Sizes
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
+WIDEST, THINNEST = 0.5, 1e-6  # [m], of a particle: what a bench holds, what a camera resolves; else a unit is wrong
+HAIR = 50e-6  # [m], below which a particle in a rig is odd: a thimble of 2 cm^3 holds 10^7
 AIR_DENSITY = 1.2  # [kg/m^3], dry air of 20 degrees C at 1 atm (CRC Handbook: 1.204)
 AIR_VISCOSITY = 1.81e-5  # [Pa s], dynamic, the same air (CRC Handbook: 1.813e-5)
 PACKING = 0.6  # part of a poured bed's volume that is beads
@@ -23,6 +25,22 @@ def no_bead_has(density: float) -> str:
         return ""
     than = "more than any metal" if density > HEAVIEST else "less than the air around it"
     return f"the bead would weigh {density:.3g} kg/m^3, {than}; check its unit and the bead's diameter."
+
+
+def no_bead_is(width: float) -> str:
+    """What is odd about a diameter [m] that no particle of a rig has; nothing where it is possible."""
+    if THINNEST <= width <= WIDEST:
+        return ""
+    limit = f"more than {WIDEST:g} m" if width > WIDEST else f"less than {1e6 * THINNEST:g} um"
+    return f"the particle would be {width:.3g} m wide, {limit}; check its unit."
+
+
+def very_small(particle: Particle) -> str:
+    """A remark on a particle thinner than a hair; nothing on others."""
+    width = particle.typical.diameter
+    if width >= HAIR:
+        return ""
+    return f"{particle.name} is {1e6 * width:.3g} um wide, thinner than a hair; check the unit of its size"
 
 
 @dataclass(frozen=True)

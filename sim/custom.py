@@ -42,7 +42,7 @@ MARGIN = 2  # [diameters], of the domain beyond walls and fill where none is sta
 POSES = 200  # at which a moving wall is looked at to find the domain: a turn is seen to 1/100 of it
 ACROSS = 100  # points across a region over which the height of the bed is averaged
 STEADY = (0.2, 0.8)  # share of the discharged mass between which the flow counts as steady
-FEWEST = 10  # looks from which a flow is read
+FEWEST = 5  # looks from which a flow is read
 WHOLE = "domain"  # name of the region that is looked at where none is stated
 OVER_TIME = ("particles", "mass")  # columns of a region over time
 
@@ -430,7 +430,7 @@ def bed_height(region: Region, centres: Array, radii: Array) -> float:
 def flow(times: Array, discharged: Array) -> float | None:
     """Mass flow [kg/s] of the middle 60 % of a discharge: slope of a line through its mass [kg] over time [s].
 
-    None where fewer than ten looks show it.
+    None where fewer than five looks show it.
 
     >>> times = np.arange(100) * 0.01
     >>> round(flow(times, 0.2 * times) or 0.0, 9)

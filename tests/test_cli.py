@@ -795,6 +795,10 @@ def test_a_results_folder_that_cannot_be_made_is_refused_before_any_work(tmp_pat
     asked = ["measure", "drop", "x.mp4", "--out", str(tmp_path / "nope")]
     refused(asked, capfd, "--out", f"nothing may be written into {tmp_path}")
     assert not (tmp_path / "nope").exists()
+    lab = lab_with(tmp_path)
+    refused(["compare", lab], capfd, "--out", "nothing may be written into")
+    refused(["measure", lab], capfd, "--out", "nothing may be written into")
+    refused(["sweep", "packing", "count=50,60"], capfd, "--out", "nothing may be written into")
 
 
 @pytest.mark.parametrize(("option", "file"), [("--checkpoint", "heap.npz"), ("--trajectory", "heap.gsd")])

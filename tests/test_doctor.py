@@ -2,8 +2,11 @@
 
 import json
 import os
+import subprocess
+import sys
 from functools import partial
 from importlib import metadata
+from pathlib import Path
 
 import pytest
 
@@ -148,3 +151,18 @@ def test_little_memory_and_disk_are_warnings(capfd, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda _path: type("usage", (), {"free": 10_000_000})())
     code, found = checked(capfd)
     assert (code, found["memory"]["state"], found["disk"]["state"]) == (0, "warning", "warning")
+
+
+def test_the_engine_ends_well_where_nothing_may_be_written_into_the_home(tmp_path):
+    """Taichi ends the process with a segmentation fault where it cannot keep its compiled kernels."""
+    call = "from rigtwin.sim.engine.self_test import engine_answer; print(engine_answer()[2])"
+    home = {"HOME": str(tmp_path / "file" / "home"), "TMPDIR": str(tmp_path)}
+    (tmp_path / "file").touch()
+    environment = {name: value for name, value in os.environ.items() if name != "TI_OFFLINE_CACHE_FILE_PATH"} | home
+    done = subprocess.run(
+        [sys.executable, "-c", call], env=environment, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    kept = Path(done.stdout.split()[-1])
+    assert kept.parent == tmp_path
+    assert list(kept.iterdir())

@@ -100,7 +100,7 @@ def stated_setting(
     """
     from rigtwin.compare.twins import by_name
 
-    model = by_name.model_of(lab)
+    model = by_name.model_of(lab, particle)
     bead = by_name.particle(particle, model)
     entry = _entry(rig, stated, particle, wall)
     material = None if wall is None else by_name.wall(wall, model)

@@ -14,9 +14,9 @@ from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, P
 from rigtwin.lab.reference import hlosta2020
 
 
-def model_of(lab: Path | None) -> Model:
-    """The model of a lab folder, whose media need not exist yet, or an empty model."""
-    return Model() if lab is None else read_cast(lab)
+def model_of(lab: Path | None, particle: str | None = None) -> Model:
+    """The model of a lab folder, whose media need not exist yet, with this `particle` or all; or an empty model."""
+    return Model() if lab is None else read_cast(lab, particle)
 
 
 def particle(name: str, model: Model) -> Particle:

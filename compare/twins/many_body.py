@@ -16,7 +16,7 @@ from rigtwin.compare.twins.run_warnings import spoilt
 from rigtwin.compare.twins.twin import Twin, settings_of
 from rigtwin.lab.custom_rig import CustomRig
 from rigtwin.lab.errors import BadInput, TwinLacks
-from rigtwin.lab.materials import Contact, Material, Particle
+from rigtwin.lab.materials import Contact, Material, Particle, very_small
 from rigtwin.lab.quantity import Evaluation, doubted
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Rig
@@ -88,7 +88,7 @@ def bulk_twin(
         profiles=profiles,
         series=series,
         assumptions=tuple(f"{about.replace('_', ' ')}: {what}" for about, what in run.assumptions.items()),
-        warnings=tuple(run.warnings),
+        warnings=(*run.warnings, *([odd] if (odd := very_small(particle)) else [])),
         seconds=time.perf_counter() - computed.begun,
         draw=draw,
     )

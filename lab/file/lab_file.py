@@ -39,6 +39,7 @@ from rigtwin.lab.input_files import OUTSIDE, lies_outside
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.reference.repetition_scatter import Scatter
 from rigtwin.lab.rigs import RIGS, SETTINGS, RigName, RigSettings
 from rigtwin.lab.tracked.table import TableOptions
@@ -130,7 +131,9 @@ def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
     """The lab that a lab.toml describes, or would describe with this content.  Raises `BadLabFile` like `read_lab`."""
     path, read = document.path, repaired(document, LabFile)
     file = read.file
-    inventory = Inventory(file, path.parent, allow_outside=allow_outside)
+    used = {entry.particle for entry in file.experiments}
+    used |= {entry.wall for entry in file.experiments if entry.wall is not None}  # which particles may cover
+    inventory = Inventory(file, path.parent, allow_outside=allow_outside, only=used)
     experiments = [
         _experiment(path.parent, inventory, entry, ("experiments", number), allow_outside, read)
         for number, entry in enumerate(file.experiments)
@@ -160,9 +163,11 @@ def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
         notes=tuple(
             filling_in_words(name, entry, path.parent)
             for name, entry in file.particles.items()
-            if entry.stl is not None
+            if entry.stl is not None and name in used
         ),
-        stl_files=tuple(path.parent / entry.stl for entry in file.particles.values() if entry.stl is not None),
+        stl_files=tuple(
+            path.parent / entry.stl for name, entry in file.particles.items() if entry.stl is not None and name in used
+        ),
     )
 
 
@@ -182,13 +187,15 @@ def faulty(lab: Lab, faults: Sequence[Fault]) -> BadLabFile:
     )
 
 
-def read_cast(folder: Path) -> Model:
+def read_cast(folder: Path, particle: str | None = None) -> Model:
     """Materials, particles and contacts of the lab in `folder` (or the lab.toml itself), its media unread.
 
-    Raises `BadLabFile` like `read_lab`.
+    With the name of a `particle` that it has, others are not made.  Raises `BadLabFile` like `read_lab`.
     """
     document = read_document(folder / "lab.toml" if folder.is_dir() else folder)
-    inventory = Inventory(validated(document, LabFile), document.path.parent)
+    file = validated(document, LabFile)
+    only = {particle} if particle in file.particles or particle in hlosta2020.NAMES else None
+    inventory = Inventory(file, document.path.parent, only=only)
     if inventory.problems:
         raise document.error(inventory.problems)
     return Model(inventory.materials, inventory.particles, inventory.contacts)

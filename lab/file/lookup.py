@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.own_particles import own_particle
+from rigtwin.lab.file.own_particles import faults, own_particle
 from rigtwin.lab.file.schema import LabFile, ModelFile, ParticleEntry, Problem, suggestion
 from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, pair
@@ -14,9 +15,20 @@ from rigtwin.lab.reference import hlosta2020
 
 
 class Inventory:
-    """Materials, particles and contacts of one file in `folder`; gathers problems instead of stopping at the first."""
+    """Materials, particles and contacts of one file in `folder`; gathers problems instead of stopping at the first.
 
-    def __init__(self, file: LabFile | ModelFile, folder: Path, *, allow_outside: bool = False) -> None:
+    With `only`, keys of other particles are checked, but these are not made: a clump in place of an STL file takes
+    seconds.
+    """
+
+    def __init__(
+        self,
+        file: LabFile | ModelFile,
+        folder: Path,
+        *,
+        allow_outside: bool = False,
+        only: Collection[str] | None = None,
+    ) -> None:
         self.file = file
         self._folder, self._allow_outside = folder, allow_outside
         self.borrowed: list[str] = []
@@ -27,8 +39,11 @@ class Inventory:
             name: Material(name, entry.density, entry.youngs_modulus, entry.poisson_ratio)
             for name, entry in file.materials.items()
         }
-        for name in file.particles:
-            self.particle(name, ("particles", name))
+        for name, entry in file.particles.items():
+            if only is None or name in only:
+                self.particle(name, ("particles", name))
+            elif self._solid(name, entry) is not None:
+                self.problems += faults(entry, ("particles", name))
         for name in file.contacts:
             self._read_contact(name)
 
@@ -87,12 +102,17 @@ class Inventory:
             f"{what}contact {a}-{b} taken from {hlosta2020.CITATION} ({hlosta2020.contact_tables(a, b)}){caution}"
         )
 
-    def _own_particle(self, name: str, entry: ParticleEntry) -> Particle | None:
+    def _solid(self, name: str, entry: ParticleEntry) -> Material | None:
+        """The material of a particle; None, and a problem, where there is none, or the name is a material's."""
         key: Key = ("particles", name)
         if name in self.file.materials or name in hlosta2020.MATERIALS:
             self.problems.append(Problem(key, f"{name!r} is also a material; give the particle a name of its own."))
             return None
-        solid = self.material(entry.material, (*key, "material"))
+        return self.material(entry.material, (*key, "material"))
+
+    def _own_particle(self, name: str, entry: ParticleEntry) -> Particle | None:
+        key: Key = ("particles", name)
+        solid = self._solid(name, entry)
         if solid is None:
             return None
         found = own_particle(name, entry, solid, key, self._folder, self._allow_outside)

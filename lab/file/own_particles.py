@@ -21,7 +21,7 @@ from rigtwin.lab.file.schema import (
 )
 from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
-from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has, sized
+from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has, no_bead_is, sized
 from rigtwin.lab.size_distributions import Law, Sizes, listed, lognormal, normal, sieved, uniform
 from rigtwin.lab.stl import STL_UNITS
 from rigtwin.lab.stl_grain import SphereFilling, filled_file
@@ -44,9 +44,8 @@ def own_particle(
 
     STL files are named relative to `folder`, in which they lie unless `allow_outside`.
     """
-    faults = list(_faults(entry, key))
-    if faults:
-        return faults
+    if found := list(faults(entry, key)):
+        return found
     try:
         shape = _shape(entry, folder, allow_outside)
     except BadInput as error:
@@ -62,12 +61,16 @@ def own_particle(
             particle = sized(particle, sizes_of(entry.size_distribution))
         except BadInput as error:
             return [Problem((*key, "size_distribution"), str(error).removeprefix("sizes: "))]
+    if not isinstance(entry, ModelParticleEntry) and (odd := no_bead_is(particle.diameter)):
+        given = next(name for name in (*SHAPES, "size_distribution") if getattr(entry, name) is not None)
+        return [Problem((*key, given), odd)]
     if particle.density is not None and (odd := no_bead_has(particle.density)):
         return [Problem((*key, "density" if entry.mass is None else "mass"), odd)]
     return particle
 
 
-def _faults(entry: ParticleEntry, key: Key) -> Iterator[Problem]:
+def faults(entry: ParticleEntry, key: Key) -> Iterator[Problem]:
+    """Keys of a particle that do not go together, or are missing."""
     given = [name for name in SHAPES if getattr(entry, name) is not None]
     if entry.size_distribution is not None:
         yield from _faults_of_sizes(entry, entry.size_distribution, key)

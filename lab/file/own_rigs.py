@@ -102,7 +102,7 @@ def read_own_rig(
     entry = file.rigs[named]
     if instead:
         entry = _replaced(entry, instead)
-    inventory = Inventory(file, document.path.parent, allow_outside=allow_outside)
+    inventory = Inventory(file, document.path.parent, allow_outside=allow_outside, only={entry.particle})
     reading = _Reading(("rigs", named), document.path.parent, inventory, allow_outside)
     found = reading.rig(named, entry)
     if found is None:
@@ -120,8 +120,8 @@ def rig_of_keys(keys: Mapping[str, Any], lab: Path | None = None) -> OwnRig:
     if lab is not None:
         document = read_document(lab / "lab.toml" if lab.is_dir() else lab)
         file, folder = validated(document, LabFile), document.path.parent
-    inventory = Inventory(file, folder)
     entry = _replaced(None, keys)
+    inventory = Inventory(file, folder, only={entry.particle})
     found = _Reading((), Path(), inventory, allow_outside=True).rig("custom", entry)
     if found is None:
         first = inventory.problems[0]

@@ -137,6 +137,12 @@ def export(
     soft = replace(particle, material=particle.material.softened(stiffness_factor))
     least = min(between.restitution, at_wall.restitution)
     step, warnings = time_step([soft], time_step_fraction, forced=forced, restitution=least)
+    if particle.sizes is not None and code == "csv":
+        of = "" if particle.shape is None else ", its spheres"
+        warnings += (
+            f"diameter{of}, mass and moments of {particle.name} are those of its largest size, "
+            f"{1e3 * particle.equivalent_diameter:.4g} mm; rows `size` have the others with their shares of the mass",
+        )
     return Export(
         code,
         soft,

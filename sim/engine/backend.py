@@ -11,13 +11,16 @@ import gc
 import inspect
 import linecache
 import os
+import stat
 import sys
+import tempfile
 import textwrap
 import threading
 import types
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rigtwin.lab.errors import BadInput, RigtwinError
@@ -178,6 +181,7 @@ def start(threads: int | None = None, device: Device | None = None) -> Backend:
     if wanted == "cuda" and device == "cpu":
         note = "no CUDA device was found; the engine runs on the CPU"
     workers = threads or available_threads()
+    os.environ[CACHE] = _cache_folder()  # Taichi prefers the variable to an argument
     with _quiet_stdout():
         ti.init(
             arch=ti.cuda if device == "cuda" else ti.cpu,
@@ -192,6 +196,30 @@ def start(threads: int | None = None, device: Device | None = None) -> Backend:
         )
     _running = Backend(device, workers, note)
     return _running
+
+
+CACHE = "TI_OFFLINE_CACHE_FILE_PATH"  # environment variable of Taichi: folder of compiled kernels
+
+
+def _cache_folder() -> str:
+    """Folder in which Taichi keeps compiled kernels: the stated or its usual one, else one for temporary files.
+
+    Where it cannot write into its folder, Taichi ends the process with a segmentation fault.
+    """
+    with contextlib.suppress(OSError, RuntimeError):  # no home, a read-only one
+        usual = Path(os.environ.get(CACHE) or Path.home() / ".cache" / "taichi" / "ticache")
+        usual.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=usual):
+            return str(usual)
+    if hasattr(os, "getuid"):
+        own = Path(tempfile.gettempdir()) / f"rigtwin-kernels-{os.getuid()}"
+        with contextlib.suppress(OSError):
+            own.mkdir(mode=0o700, exist_ok=True)
+            state = own.lstat()
+            # code is run from there: nobody else may have made it or write into it
+            if stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not state.st_mode & 0o077:
+                return str(own)
+    return tempfile.mkdtemp(prefix="rigtwin-kernels-")
 
 
 def running() -> Backend:

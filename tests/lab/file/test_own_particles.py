@@ -12,7 +12,7 @@ import trimesh
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.file.lab_file import read_cast, read_lab
 from rigtwin.lab.file.model_file import Model, read_model, write_model
-from rigtwin.lab.materials import Particle
+from rigtwin.lab.materials import Particle, very_small
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.size_distributions import listed, lognormal, normal, sieved, uniform
 
@@ -235,3 +235,46 @@ def test_an_stl_file_elsewhere_is_read_where_that_is_allowed_and_not_quoted(tmp_
     assert "normal of the secret" not in str(refused.value)
     trimesh.creation.box((8.0, 6.0, 4.0)).export(tmp_path / "grain.stl")
     assert read_lab(lab, allow_outside=True).particles["own"].shape is not None
+
+
+def test_only_particles_that_are_used_are_made(tmp_path, monkeypatch):
+    made = []
+    monkeypatch.setattr("rigtwin.lab.file.own_particles.filled_file", lambda path, *_, **__: made.append(path.name))
+    (tmp_path / "r01.csv").write_text("time_s,x_m,y_m\n0,0,0\n")
+    entries = (
+        '[particles.own]\nmaterial = "ash"\ndiameter = "6 mm"\n[particles.scan]\nmaterial = "ash"\nstl = "s.stl"\n'
+    )
+    (tmp_path / "lab.toml").write_text(MATERIAL + entries + EXPERIMENT)
+    lab = read_lab(tmp_path)
+    assert set(lab.particles) == {"own"}
+    assert lab.stl_files == lab.notes == ()
+    assert set(read_cast(tmp_path, "own").particles) == {"own"}
+    assert made == []
+    # keys of one that is not used are checked all the same
+    (tmp_path / "lab.toml").write_text(MATERIAL + entries.replace('stl = "s.stl"', "stl_error = 1") + EXPERIMENT)
+    with pytest.raises(BadLabFile, match=r"2 faults|belongs to an STL file"):
+        read_lab(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ('diameter = "6 m"', r"line 7: particles\.own\.diameter: the particle would be 6 m wide, more than 0.5 m"),
+        ('diameter = "0.6 um"', "would be 6e-07 m wide, less than 1 um; check its unit"),
+        ('spheres = [[0, 0, 0, "6 m"]]', r"particles\.own\.spheres: the particle would be 6 m wide"),
+        (
+            'size_distribution = { law = "uniform", smallest = "1 m", largest = "2 m" }',
+            r"size_distribution: .* 2 m wide",
+        ),
+    ],
+)
+def test_sizes_that_no_particle_has_are_refused(tmp_path, keys, words):
+    with pytest.raises(BadLabFile, match=words):
+        own(tmp_path, keys)
+
+
+def test_a_particle_thinner_than_a_hair_is_remarked(tmp_path):
+    assert very_small(own(tmp_path, 'diameter = "6 um"')) == (
+        "own is 6 um wide, thinner than a hair; check the unit of its size"
+    )
+    assert very_small(own(tmp_path, 'diameter = "0.1 mm"')) == ""

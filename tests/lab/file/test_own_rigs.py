@@ -120,20 +120,20 @@ def test_a_file_with_several_rigs_asks_which(lab):
         read_own_rig(lab)
 
 
-def test_the_rig_of_a_new_lab_can_be_used_with_its_signs_of_comment_taken_away(tmp_path):
+def test_the_rig_of_a_new_lab_can_be_used_as_it_stands_and_with_its_signs_of_comment_taken_away(tmp_path):
     new_lab(tmp_path)
-    text = (tmp_path / "lab.toml").read_text()
-    before, _, rest = text.partition("# ---- rigs of your own")
-    rig, _, _after = rest.partition("# ---- ")
-    rule, _, keys = rig.partition("\n")
-    live = "\n".join(
-        line[2:] if re.match(r"# (\[|\w+ = )", line) and not line.startswith("# total_mass") else line
-        for line in keys.splitlines()
-    )
-    (tmp_path / "lab.toml").write_text(f"{before}# {rule}\n{live}\n")
     trimesh.creation.box((50, 50, 60)).export(tmp_path / "drum.stl")
     own = read_own_rig(tmp_path)
+    assert (own.count, own.particle.name) == (1000, "bead6")
+    assert not own.rig.walls["drum"].moves
+    text = (tmp_path / "lab.toml").read_text()
+    before, _, rest = text.partition("[rigs.mixer]")
+    (tmp_path / "lab.toml").write_text(
+        f"{before}[rigs.mixer]{re.sub('^# (?!total_mass)(?=[a-z_]+ = )', '', rest, flags=re.M)}"
+    )
+    own = read_own_rig(tmp_path)
     assert own.rig.walls["drum"].belt
+    assert own.rig.walls["drum"].moves
     assert own.rig.low == pytest.approx((-0.06, -0.06, -0.02))
 
 

@@ -117,6 +117,14 @@ def classes_of(text):
     return [(float(row["diameter_m"]), float(row["share_by_mass"])) for row in rows]
 
 
+def test_the_csv_of_clumps_of_several_sizes_says_that_it_has_the_largest():
+    cube = sized(hlosta2020.particle("C6_8s-a"), listed([4e-3, 6e-3], [0.3, 0.7]))
+    made = export("csv", cube, STEEL, AMONG, ON_STEEL)
+    [said] = made.warnings
+    assert said.startswith("diameter, its spheres, mass and moments of C6_8s-a are those of its largest size, 6 mm;")
+    assert not export("csv", hlosta2020.particle("C6_8s-a"), STEEL, AMONG, ON_STEEL).warnings
+
+
 def test_a_clump_is_exported_with_its_spheres_mass_and_moments():
     cube = hlosta2020.particle("C6_8s-a")
     rows = list(csv.DictReader(export("csv", cube, STEEL, AMONG, ON_STEEL).text.splitlines()))
