@@ -49,6 +49,7 @@ SCRIPTS = (
     Script("bench-footage", 30, "measure/hard_footage.py"),
     Script("decks", 5, "engine/decks.py"),
     Script("bench", 26, "engine/speed.py"),
+    Script("own-rigs", 4, "engine/own_rigs.py"),
     Script("bench-measure", 100, "measure/accuracy.py"),
     Script("verify", 210, "engine/verify.py"),
     Script("real-tracks", 4, "diagnose/real_tracks.py"),

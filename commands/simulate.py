@@ -655,7 +655,10 @@ def simulate_custom(
     allow_outside: Outside = False,
     run: Run,
 ) -> Work:
-    """A rig of your own: walls from STL files, at rest or moving (docs/own_rigs.md)."""
+    """A rig of your own: walls from STL files that rest or move.
+
+    docs/own_rigs.md describes its keys in lab.toml.
+    """
     from rigtwin.compare.twins.twin import stated
     from rigtwin.lab.errors import BadInput
     from rigtwin.lab.file.own_rigs import read_own_rig, rig_of_keys
