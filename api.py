@@ -109,13 +109,13 @@ def measure(
     return measurement.without_files()
 
 
-def simulate(rig: RigName, *, progress: Progress | None = None, **settings: Setting) -> Twin:
+def simulate(rig: RigName | Literal["custom"], *, progress: Progress | None = None, **settings: Setting) -> Twin:
     """Run the digital twin of one rig.
 
     Parameters
     ----------
     rig : str
-        The rig, one of `rigtwin.lab.rigs.RIGS`.
+        The rig, one of `rigtwin.lab.rigs.RIGS`, or ``"custom"``: one of your own, whose ``lab`` is the lab.toml.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
     **settings : str, float, int, pathlib.Path or None
@@ -142,8 +142,8 @@ def simulate(rig: RigName, *, progress: Progress | None = None, **settings: Sett
     from rigtwin.commands import simulate as commands
     from rigtwin.lab.progress import silent
 
-    if rig not in RIGS:
-        raise _unknown("rig", rig, RIGS)
+    if rig not in (known := (*RIGS, "custom")):
+        raise _unknown("rig", rig, known)
     twin: Twin = _run(_work(_command(commands.app, rig), {}, settings), progress=progress or silent)
     return twin
 

@@ -157,7 +157,7 @@ EXAMPLES = {
     "pile": "rigtwin export {code} pile --base-diameter 90mm --rim-height 10mm --count 1000",
     "drum": "rigtwin export {code} drum --drum-diameter 140mm --speed 3rpm --depth 50mm",
     "hopper": "rigtwin export {code} hopper --outlet 30mm --bin-width 80mm --count 1000",
-    "custom": "rigtwin export {code} custom my-lab --rig mixer",
+    "custom": "rigtwin export {code} custom my-lab --name mixer",
 }
 
 

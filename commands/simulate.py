@@ -610,7 +610,7 @@ def simulate_custom(
             help="A lab.toml or its folder: the rig under [rigs.NAME]; with --stl only its particles and contacts.",
         ),
     ] = None,
-    rig: Annotated[str | None, option("--rig", "NAME", "Which rig of LAB, where it has several.")] = None,
+    name: Annotated[str | None, option("--name", "NAME", "Which rig of LAB, where it has several.")] = None,
     stl: Annotated[
         list[Path] | None,
         typer.Option("--stl", metavar="FILE", help="In place of a rig of LAB: a wall at rest; may be repeated."),
@@ -675,8 +675,8 @@ def simulate_custom(
         end=end,
     )
     if stl:
-        if rig is not None:
-            raise BadInput("--rig and --stl both say which walls there are; leave one of them out.")
+        if name is not None:
+            raise BadInput("--name and --stl both say which walls there are; leave one of them out.")
         if fill is None:
             raise BadInput("--fill: --stl needs it: two corners of a box, like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
         walls = {f"stl{k}": {"stl": str(file), "stl_unit": stl_unit or "mm"} for k, file in enumerate(stl, start=1)}
@@ -687,7 +687,7 @@ def simulate_custom(
     elif stl_unit is not None:
         raise BadInput("--stl-unit belongs to --stl; for a rig of a lab.toml state stl_unit there.")
     else:
-        own = read_own_rig(lab, rig, instead=keys, allow_outside=allow_outside)
+        own = read_own_rig(lab, name, instead=keys, allow_outside=allow_outside)
     from rigtwin.compare.twins.custom import cast_of_own, custom_twin
 
     cast, surfaces = cast_of_own(own)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import rigtwin
 from rigtwin import cli
@@ -154,3 +155,18 @@ def test_importing_rigtwin_loads_nothing_heavy_and_calling_works_beside_the_pack
         "sys.exit(', '.join(heavy) or 0)"
     )
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=True, timeout=60)
+
+
+def test_a_rig_of_ones_own_is_simulated_from_its_stl_files(tmp_path):
+    trimesh.creation.box((40, 40, 2)).export(tmp_path / "floor.stl")
+    settings = {"stl": [tmp_path / "floor.stl"], "fill": "-15mm,-15mm,5mm..15mm,15mm,25mm", "count": 4}
+    twin = rigtwin.simulate("custom", region="-20mm,-20mm,0mm..20mm,20mm,30mm", duration=0.1, **settings)
+    assert twin.value("particles_inside") == 4
+    (tmp_path / "lab.toml").write_text(
+        '[rigs.floor]\nparticle = "D6"\nwall = "steel"\ncount = 4\nduration = "0.1 s"\n'
+        'fill = { low = ["-15 mm", "-15 mm", "5 mm"], high = ["15 mm", "15 mm", "25 mm"] }\n'
+        '[rigs.floor.walls.floor]\nstl = "floor.stl"\n'
+    )
+    assert rigtwin.simulate("custom", lab=tmp_path, name="floor", count=3).value("particles_inside") == 3
+    with pytest.raises(BadInput, match=r"name: there is no rig 'flor' .* did you mean 'floor'"):
+        rigtwin.simulate("custom", lab=tmp_path, name="flor")

@@ -135,9 +135,9 @@ def _named(path: Path, file: LabFile, name: str | None) -> str:
     if not file.rigs:
         raise BadInput(f"{path}: has no rig of your own; describe one under [rigs.NAME], see docs/own_rigs.md.")
     if name is None:
-        raise BadInput(f"{path}: has several rigs; choose one with --rig ({', '.join(file.rigs)}).")
+        raise BadInput(f"{path}: has several rigs; choose one with --name ({', '.join(file.rigs)}).")
     if name not in file.rigs:
-        raise BadInput(f"--rig: there is no rig {name!r} in {path}; {suggestion(name, file.rigs)}.")
+        raise BadInput(f"--name: there is no rig {name!r} in {path}; {suggestion(name, file.rigs)}.")
     return name
 
 

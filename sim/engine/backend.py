@@ -216,7 +216,7 @@ def _cache_folder() -> str:
         with contextlib.suppress(OSError):
             own.mkdir(mode=0o700, exist_ok=True)
             state = own.lstat()
-            # code is run from there: nobody else may have made it or write into it
+            # code is run from there: no other user may have made it or write into it
             if stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not state.st_mode & 0o077:
                 return str(own)
     return tempfile.mkdtemp(prefix="rigtwin-kernels-")

@@ -111,7 +111,7 @@ def test_a_wall_of_a_thousand_diameters_is_noted_and_not_refused(lab):
 
 def test_a_file_with_several_rigs_asks_which(lab):
     (lab / "lab.toml").write_text(RIG + RIG.replace("mixer", "chute"))
-    with pytest.raises(BadInput, match=r"choose one with --rig \(mixer, chute\)"):
+    with pytest.raises(BadInput, match=r"choose one with --name \(mixer, chute\)"):
         read_own_rig(lab)
     with pytest.raises(BadInput, match=r"no rig 'chut' in .* did you mean 'chute'"):
         read_own_rig(lab, "chut")
@@ -168,7 +168,7 @@ def test_the_command_refuses_in_one_sentence(lab, capfd, monkeypatch):
     assert "two corners like" in refused(capfd, "--stl", "cup.stl", "--fill=1,2,3")
     assert "not above low" in refused(capfd, "--stl", "cup.stl", "--fill=0,0,0..0,0,0")
     assert "state stl_unit there" in refused(capfd, "lab.toml", "--stl-unit", "m")
-    assert "leave one of them out" in refused(capfd, "--stl", "cup.stl", "--rig", "mixer", "--fill=0,0,0..1,1,1")
+    assert "leave one of them out" in refused(capfd, "--stl", "cup.stl", "--name", "mixer", "--fill=0,0,0..1,1,1")
     changed(lab, '"D6"', '"grit"')
     (lab / "lab.toml").write_text(
         (lab / "lab.toml").read_text() + '[particles.grit]\nmaterial = "steel"\ndiameter = "6 mm"\n'
