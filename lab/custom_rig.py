@@ -65,13 +65,3 @@ class CustomRig:
     end: End = "time"  # "at rest": when all particles rest; "empty": when all have left
     interval: float = INTERVAL  # [s], between two looks
     regions: Mapping[str, Region] = field(default_factory=dict)  # in which particles are counted
-
-    @property
-    def events(self) -> tuple[float, ...]:
-        """Times [s] within the run at which a motion starts or stops, or a wall is removed, rising."""
-        times = {time for wall in self.walls.values() for time in _times(wall) if time is not None}
-        return tuple(sorted(time for time in times if 0 < time < self.duration))
-
-
-def _times(wall: StlWall) -> tuple[float | None, ...]:
-    return (wall.start, wall.stop, wall.removed) if wall.moves else (wall.removed,)

@@ -44,7 +44,6 @@ ACROSS = 100  # points across a region over which the height of the bed is avera
 STEADY = (0.2, 0.8)  # share of the discharged mass between which the flow counts as steady
 FEWEST = 5  # looks from which a flow is read
 WHOLE = "domain"  # name of the region that is looked at where none is stated
-OVER_TIME = ("particles", "mass")  # columns of a region over time
 
 
 @dataclass(frozen=True)

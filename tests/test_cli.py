@@ -798,7 +798,12 @@ def test_a_results_folder_that_cannot_be_made_is_refused_before_any_work(tmp_pat
     lab = lab_with(tmp_path)
     refused(["compare", lab], capfd, "--out", "nothing may be written into")
     refused(["measure", lab], capfd, "--out", "nothing may be written into")
-    refused(["sweep", "packing", "count=50,60"], capfd, "--out", "nothing may be written into")
+    refused(
+        ["sweep", "packing", "--set", "cylinder_diameter=50mm", "--vary", "static_friction=0.2..0.6"],
+        capfd,
+        "--out",
+        "nothing may be written into",
+    )
 
 
 @pytest.mark.parametrize(("option", "file"), [("--checkpoint", "heap.npz"), ("--trajectory", "heap.gsd")])

@@ -595,6 +595,24 @@ def test_what_finds_no_room_at_once_is_refused_in_a_deck(tmp_path):
         own_deck(tmp_path, count=2000).files()
 
 
+def test_the_command_writes_a_deck_of_a_rig_of_a_lab(tmp_path, capfd):
+    trimesh.creation.box((40, 40, 2)).export(tmp_path / "floor.stl")
+    (tmp_path / "lab.toml").write_text(
+        '[rigs.floor]\nparticle = "D6"\nwall = "steel"\ncount = 4\n'
+        'fill = { low = ["-15 mm", "-15 mm", "5 mm"], high = ["15 mm", "15 mm", "25 mm"] }\n'
+        '[rigs.floor.walls.floor]\nstl = "floor.stl"\nvibration_amplitude = [0, 0, "1 mm"]\n'
+        'vibration_frequency = "20 Hz"\n'
+    )
+    asked = ["custom", str(tmp_path), "--seed", "5", "--count", "3", "--out", str(tmp_path / "deck")]
+    assert run(["export", "liggghts", *asked]) == 0
+    said = capfd.readouterr().out
+    assert "round walls" not in said  # they are of triangles in both
+    assert read_deck(tmp_path / "deck").count == 3
+    assert "wiggle amplitude 0 0 0.001 period 0.05" in (tmp_path / "deck" / "in.liggghts").read_text()
+    assert run(["export", "lammps", *asked]) == 2
+    assert "holds no walls from STL files" in capfd.readouterr().err
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("liggghts") is None, reason="LIGGGHTS is not installed")
 @pytest.mark.parametrize("pour", [{}, {"pour_rate": 200.0, "pour_speed": 0.3}], ids=["at once", "poured"])
