@@ -134,6 +134,8 @@ def run(
                 source.time, books.next_fill = bulk.time, bulk.time + filling.LOOK
                 if rig.pour_rate is None:
                     filling.scatter_some(bulk, books, count, source.inside, source.box, particle, thrown=THROWN)
+                    if not books.placed:
+                        raise BadInput("fill: no particle finds room in it clear of the walls; give a larger one.")
                 elif books.patience < filling.PATIENCE:
                     filling.pour(bulk, books, source, bulk.grains().position, particle, count)
             before = bulk.grains()
@@ -218,6 +220,10 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
     if not (fill[0] >= low).all() or not (fill[1] <= high).all():
         raise BadInput(
             f"fill: is {_box(fill)}, and the domain is {_box(np.array([low, high]))}; place it in the domain."
+        )
+    if (np.diff(fill, axis=0) < particle.diameter).any():
+        raise BadInput(
+            f"fill: is {_box(fill)}, too narrow for a particle of {1e3 * particle.diameter:.3g} mm; give a larger one."
         )
     if rig.pour_speed and rig.pour_rate is None:
         raise BadInput("pour_speed: belongs to a pour_rate; leave it out.")

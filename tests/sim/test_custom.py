@@ -216,6 +216,11 @@ def test_the_height_of_a_bed_is_that_of_its_uppermost_beads_above_the_floor_of_t
         ({"low": (0.5, 0.5, 0.5), "high": (0.6, 0.6, 0.6)}, r"walls\.cup: lies outside the domain.*check stl_unit"),
         ({"low": (-0.03, -0.03, -0.01), "high": (0.03, 0.03, 0.04)}, "fill: is x -18 to 18 mm"),
         ({"interval": -1.0}, "interval"),
+        ({"fill": Region((0.0, 0.0, 0.01), (0.004, 0.1, 0.04))}, "too narrow for a particle of 6.2 mm"),
+        (
+            {"fill": Region((0.0165, -0.01, 0.01), (0.0235, 0.01, 0.04))},
+            "no particle finds room in it clear of the walls",
+        ),
     ],
 )
 def test_a_rig_that_cannot_be_is_refused(tmp_path, changed, words):
