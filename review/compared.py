@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,9 @@ from rigtwin.lab.input_files import LARGEST_TABLE
 SHOWN = (".html", ".csv", ".json", ".toml", ".svg", ".png", ".webp", ".mp4", ".md", ".bib")
 """Endings of the result files that are linked or shown."""
 
+FOLDERS = {"out": "", "calibration": "calibration/"}
+"""Folders of a lab into which commands write by default, and how the names of files in them begin."""
+
 PAGES = {
     "report": "Comparison",
     "diagnosis": "Diagnosis, step by step",
@@ -25,26 +29,27 @@ PAGES = {
 
 
 def result_file(folder: Path, name: str) -> Path:
-    """A file of the lab's folder of results.  Raises `LookupError` for any other, also behind a link."""
-    out = folder.resolve() / "out"
-    file = (out / name).resolve()
-    if not file.is_relative_to(out) or file.suffix not in SHOWN or not file.is_file():
-        raise LookupError(name)
-    return file
+    """A file of the lab's folders of results.  Raises `LookupError` for any other, also behind a link."""
+    for place, prefix in FOLDERS.items():
+        out = folder.resolve() / place
+        file = (out / name.removeprefix(prefix)).resolve()
+        if name.startswith(prefix) and file.is_relative_to(out) and file.suffix in SHOWN and file.is_file():
+            return file
+    raise LookupError(name)
 
 
 def result_files(folder: Path) -> list[str]:
-    """Names of the reports and tables that earlier commands wrote into the lab's folder of results, reports first."""
+    """Names of the reports and tables that earlier commands wrote into the lab's folders of results, reports first."""
     found = []
-    with suppress(OSError):  # no such folder
-        for file in (folder / "out").iterdir():
+    for place, prefix in FOLDERS.items():
+        for file in (folder / place).glob("*"):
             with suppress(LookupError):
-                found.append(result_file(folder, file.name))
-    return [file.name for file in sorted(found, key=lambda each: (each.suffix != ".html", each.name))]
+                found.append((result_file(folder, prefix + file.name).suffix != ".html", prefix + file.name))
+    return [name for _, name in sorted(found)]
 
 
 def figures(folder: Path) -> list[dict[str, Any]]:
-    """The figures that earlier commands drew into the lab's folder of results, in their order.
+    """The figures that earlier commands drew into the lab's folders of results and folders in these, in their order.
 
     Parameters
     ----------
@@ -57,14 +62,17 @@ def figures(folder: Path) -> list[dict[str, Any]]:
         For each page that has figures its ``title``, and ``pictures`` with ``file`` and ``caption``.
     """
     found = []
-    for page, words in PAGES.items():
-        with suppress(LookupError):  # no list, or a figure of it is gone
-            captions = listed_figures(result_file(folder, f"{FIGURES}/{page}-captions.csv"))
-            pictures = [{"file": f"{FIGURES}/{name}.svg", "caption": caption} for name, caption in captions.items()]
-            for picture in pictures:
-                result_file(folder, picture["file"])
-            if pictures:
-                found.append({"title": words, "pictures": pictures})
+    for (page, title_of_page), (place, prefix) in itertools.product(PAGES.items(), FOLDERS.items()):
+        out, listed = folder / place, f"{FIGURES}/{page}-captions.csv"
+        for file in [*out.glob(listed), *sorted(out.glob(f"*/{listed}"))]:
+            beside = f"{prefix}{file.relative_to(out).parent.as_posix()}"
+            with suppress(LookupError):  # a link elsewhere, or a figure is gone
+                captions = listed_figures(result_file(folder, f"{beside}/{file.name}"))
+                pictures = [{"file": f"{beside}/{name}.svg", "caption": words} for name, words in captions.items()]
+                for picture in pictures:
+                    result_file(folder, picture["file"])
+                if pictures:
+                    found.append({"title": title_of_page, "pictures": pictures})
     return found
 
 

@@ -765,7 +765,7 @@ def findings(samples: Sequence[Sample], guards: Sequence[Guard]) -> Iterator[Fin
     for guard in guards:
         began, compared = time.perf_counter(), []
         for sample, (seen, acting) in zip(samples, usual, strict=True):
-            # `as_it_is` has found the places of all guards: in small one that is left out shows that this works
+            # a smoke run leaves out one guard per rig, to test `without`; `as_it_is` has found the places of all
             if guard.name in acting and left_out < small(math.inf, 1):
                 left_out += 1
                 other = without(guard, sample)

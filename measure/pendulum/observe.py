@@ -25,7 +25,7 @@ from rigtwin.measure.pendulum.track_one_bead import find_wall_bead, images_by_fr
 from rigtwin.measure.pendulum.track_two_beads import Beads, find_beads, relocate
 from rigtwin.measure.tracking.colour_channel import LUMA
 from rigtwin.measure.tracking.follow import Chase, look_again
-from rigtwin.measure.tracking.stated_centres import moved_to, stated_centres
+from rigtwin.measure.tracking.stated_centres import moved_to, stated_centres, with_stated
 
 # Shift of a bead's centre by the background texture and the codec, over the noise of a point.  It depends on position
 # or drifts in time, so it does not average out.  Maximum likelihood of the errors of beads in 15 drawn films of known
@@ -58,7 +58,7 @@ def watch(video: Video, camera: Camera, length: float | None, progress: Progress
 def watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     by_hand = stated_centres(video, camera)
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
-    beads = _with_stated(_one_bead(chase, video), by_hand)
+    beads = _one_bead(with_stated(chase, by_hand, video.times), video)
     times, fit, losses = _swings(video, beads, camera)
     places, velocities, again = _second_look(fit, beads, times)
     expected = {
@@ -66,7 +66,7 @@ def watch_wall(video: Video, camera: Camera, length: float | None, progress: Pro
         for k, ((x, y), (u, v)) in enumerate(zip(places[0], velocities[0], strict=True))
         if again[0, k]
     }
-    beads = _with_stated(_one_bead(look_again(chase, expected), video), by_hand)
+    beads = _one_bead(with_stated(look_again(chase, expected), by_hand, video.times), video)
     with seeing(tracks_seen(beads)):
         tracks = picture_tracks(beads, times)
         fit = fit_clip(video.path, tracks, axis=camera_axis(video), stated=picture_pivots(camera))
@@ -106,7 +106,7 @@ def _one_bead(chase: Chase, video: Video) -> Beads:
 
 
 def _with_stated(beads: Beads, stated: Mapping[int, tuple[Point, ...]]) -> Beads:
-    """The beads with their stated centres, each of the bead whose path in the other frames is next to it."""
+    """Both beads with their stated centres, each of the bead whose path in the other frames is next to it."""
     from scipy.optimize import linear_sum_assignment
     from scipy.spatial.distance import cdist
 
@@ -116,6 +116,8 @@ def _with_stated(beads: Beads, stated: Mapping[int, tuple[Point, ...]]) -> Beads
         {k: image for k, image in enumerate(images) if image is not None and k not in apart} for images in beads.images
     ]
     images = [list(each) for each in beads.images]
+    if not all(seen):
+        return beads  # one that is seen nowhere else is refused for that later
     for frame, points in stated.items():
         k = number[frame]
         expected = [

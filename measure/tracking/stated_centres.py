@@ -17,9 +17,26 @@ from rigtwin.measure.tracking.follow import Chase
 
 
 def stated_centres(video: Video, camera: Camera, beads: int = 1) -> dict[int, tuple[Point, ...]]:
-    """The stated centres [px] by frame.
+    """The stated centres by frame.
 
-    Raises `BadInput` if one lies in a frame that is not measured, or a frame has more of them than beads.
+    Parameters
+    ----------
+    video : Video
+        The film, with the frames that are measured.
+    camera : Camera
+        What is stated.
+    beads : int
+        How many beads there are.
+
+    Returns
+    -------
+    dict of int to tuple of Point
+        Places [px] by the index of the frame.
+
+    Raises
+    ------
+    BadInput
+        If one lies in a frame that is not measured, or a frame has more of them than beads.
     """
     found: dict[int, list[Point]] = defaultdict(list)
     for one in camera.centre:
@@ -45,7 +62,22 @@ def moved_to(image: BeadImage, at: Point, shake: Array) -> BeadImage:
 
 
 def with_stated(seen: Chase, centres: Mapping[int, tuple[Point, ...]], times: Array) -> Chase:
-    """A followed bead with its stated centres, in frames in which it was not seen, too."""
+    """A followed bead with its stated centres, in frames in which it was not seen, too.
+
+    Parameters
+    ----------
+    seen : Chase
+        The bead as it was followed.
+    centres : mapping of int to tuple of Point
+        One place [px] by frame, from `stated_centres`.
+    times : ndarray, shape (frames,)
+        Time [s] of every frame.
+
+    Returns
+    -------
+    Chase
+        The same with these sightings, whose standard uncertainty is `STATED_SIGMA`.
+    """
     if not centres or not seen.sightings:
         return seen
     sightings = {sighting.frame: sighting for sighting in seen.sightings}

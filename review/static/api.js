@@ -20,6 +20,9 @@ async function asked(address, options) {
   return answer(response);
 }
 
+/** Where the server has a file of results. */
+export const resultAddress = (name) => `/results/${name.split("/").map(encodeURIComponent).join("/")}`;
+
 export const get = (address, signal) => asked(address, { signal });
 
 export const post = (address, body) =>

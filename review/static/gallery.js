@@ -1,9 +1,9 @@
 // Figures that earlier commands drew: all of them small, or one large.
 
+import { resultAddress } from "./api.js";
 import { node } from "./panel.js";
 
 const $ = (id) => document.getElementById(id);
-const address = (file) => `/results/${file.split("/").map(encodeURIComponent).join("/")}`;
 
 let pages = [];
 let pictures = []; // of all pages
@@ -30,7 +30,7 @@ function all() {
     node("h2", {}, page.title),
     node("div", { class: "thumbs" }, ...page.pictures.map((picture) => node("button", {
       type: "button", title: picture.caption, onclick: () => one(pictures.indexOf(picture)),
-    }, node("img", { src: address(picture.file), alt: picture.caption, loading: "lazy" })))),
+    }, node("img", { src: resultAddress(picture.file), alt: picture.caption, loading: "lazy" })))),
   ]));
 }
 
@@ -40,10 +40,10 @@ function one(number) {
   const { file, caption } = pictures[number];
   $("thumbs").hidden = true;
   $("figure").hidden = false;
-  $("figure-picture").src = address(file);
+  $("figure-picture").src = resultAddress(file);
   $("figure-picture").alt = caption;
   $("figure-caption").textContent = caption;
-  $("figure-file").href = address(file);
+  $("figure-file").href = resultAddress(file);
   $("figure-before").disabled = number === 0;
   $("figure-after").disabled = number === pictures.length - 1;
   $("figure-all").focus(); // the small picture that was clicked is hidden, and the keys would go nowhere

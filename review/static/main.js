@@ -1,6 +1,6 @@
 // The page: which repetition is shown, its measurement, and changes of lab.toml.
 
-import { get, post } from "./api.js";
+import { get, post, resultAddress } from "./api.js";
 import { open as openFigures, showFigures } from "./gallery.js";
 import { node, showLegend, showParts, showResult, showTools, showTwin, showVerdict } from "./panel.js";
 import { PLACES } from "./places.js";
@@ -178,7 +178,7 @@ function showAll() {
   showTools(experiment().keys, view(), { tool, choose, remove });
   showLegend(stage.marks.filter((mark) => mark.view === shown.view), view().stated);
   $("results").replaceChildren(...lab.results.filter((name) => name.endsWith(".html")).map((name) =>
-    node("a", { href: `/results/${encodeURIComponent(name)}`, target: "_blank", rel: "noopener" }, name.replace(".html", ""))));
+    node("a", { href: resultAddress(name), target: "_blank", rel: "noopener" }, name.split("/").pop().replace(".html", ""))));
   showFigures(lab.figures);
   stage.draw();
 }

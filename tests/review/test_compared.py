@@ -73,6 +73,13 @@ def test_figures_are_listed_by_the_page_that_they_are_of(lab):
     assert [each["caption"] for each in sweep["pictures"]] == ["Height, in mm", "Angle"]
     (lab / "out/figures/sweep-captions.csv").write_text("name\n../../secret\n")
     assert figures(lab) == [diagnosis]
+    for where, page in (("out/flow/figures", "sweep"), ("calibration/figures", "calibration")):
+        (lab / where).mkdir(parents=True)
+        (lab / where / f"{page}.svg").write_text("<svg/>")
+        (lab / where / f"{page}-captions.csv").write_text(f"figure,caption\n{page},Its figure\n")
+    files = [picture["file"] for page in figures(lab) for picture in page["pictures"]]
+    assert files == ["figures/steps.svg", "calibration/figures/calibration.svg", "flow/figures/sweep.svg"]
+    assert all(result_file(lab, name).is_file() for name in files)
 
 
 def test_a_folder_of_results_that_is_a_link_elsewhere_is_not_shown(lab, tmp_path_factory):
