@@ -15,6 +15,7 @@ VIEWS = (0.0, 45.0, 90.0, 135.0)  # [deg], about the vertical axis, viewing dire
 POINTS_PER_DIAMETER = 24
 SIGMA = 1e-5  # [m], standard uncertainty of a silhouette: of the order of the beads' overlaps
 SURFACE_POINTS = 100  # across the cylinder
+POINTS_AT_ONCE = 1_000_000  # pairs of a sphere and a point; bounds the memory
 NEIGHBOURS = 1.1  # [sums of radii], largest distance of the centres of neighbours in a bed
 
 
@@ -76,19 +77,33 @@ def bed(centres: Array, radii: Array) -> npt.NDArray[np.bool_]:
 def surface(centres: Array, radii: Array, diameter: float) -> Array:
     """Height [m] of the uppermost sphere over points spread evenly over a round base; 0 without a sphere."""
     x = (np.arange(SURFACE_POINTS) + 0.5) / SURFACE_POINTS * diameter - diameter / 2
-    points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
-    return surface_over(points[np.hypot(*points.T) < diameter / 2], centres, radii, diameter / SURFACE_POINTS)
+    points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)
+    return surface_over(x, x, centres, radii)[np.hypot(points[..., 0], points[..., 1]) < diameter / 2]
 
 
-def surface_over(points: Array, centres: Array, radii: Array, pitch: float) -> Array:
-    """Height [m] of the uppermost sphere over `points` [m], shape (n, 2), `pitch` [m] apart; 0 without a sphere."""
-    height = np.zeros(len(points))
-    for part in np.array_split(np.arange(len(points)), max(1, len(points) * len(centres) // 4_000_000)):
-        low = points[part].min(axis=0) - radii.max(initial=0.0) - pitch
-        high = points[part].max(axis=0) + radii.max(initial=0.0) + pitch
-        near = ((centres[:, :2] > low) & (centres[:, :2] < high)).all(axis=1)
-        place, radius = centres[near], radii[near]
-        over = radius**2 - ((points[part, None] - place[:, :2]) ** 2).sum(axis=2)
-        top = np.where(over >= 0, place[:, 2] + np.sqrt(np.maximum(over, 0.0)), 0.0)
-        height[part] = top.max(axis=1, initial=0.0)
+def surface_over(x: Array, y: Array, centres: Array, radii: Array) -> Array:
+    """Height [m] of the uppermost sphere over a grid, shape (len(x), len(y)); 0 without a sphere.
+
+    `x` and `y` [m] are evenly spaced each.
+    """
+    height = np.zeros((len(x), len(y)))
+    reach = radii.max(initial=0.0)
+    # grid lines that a sphere may lie over, and one to spare
+    counts = [math.ceil(2 * reach / _spacing(axis)) + 2 for axis in (x, y)]
+    for part in np.array_split(np.arange(len(centres)), max(1, len(centres) * math.prod(counts) // POINTS_AT_ONCE)):
+        over, lines = radii[part, None, None] ** 2, []
+        for column, (axis, count) in enumerate(zip((x, y), counts, strict=True)):
+            place = centres[part, column, None]
+            line = np.floor((place - reach - axis[0]) / _spacing(axis)).astype(np.int64) + np.arange(count)
+            on_grid = (line >= 0) & (line < len(axis))
+            lines.append(np.clip(line, 0, len(axis) - 1))
+            apart2 = np.where(on_grid, (axis[lines[column]] - place) ** 2, np.inf)
+            over = over - (apart2[:, :, None] if column == 0 else apart2[:, None, :])
+        sphere, i, j = np.nonzero(over >= 0)
+        top = centres[part][sphere, 2] + np.sqrt(over[sphere, i, j])
+        np.maximum.at(height, (lines[0][sphere, i], lines[1][sphere, j]), top)
     return height
+
+
+def _spacing(axis: Array) -> float:
+    return float(axis[-1] - axis[0]) / (len(axis) - 1) if len(axis) > 1 else 1.0
