@@ -227,19 +227,34 @@ def running() -> Backend:
     return _running or start()
 
 
-def prepared(kernel: Any, *templates: Any) -> Callable[[], Any]:
-    """Return a launcher of a kernel whose arguments are all templates.
+def prepared(kernel: Any, *arguments: Any) -> Callable[..., None]:
+    """Return a launcher of a kernel, which takes new values for those of the `arguments` that are no templates.
 
-    At an ordinary call Taichi looks up arguments and code again, which may take longer than a step of few beads.
+    These must be numbers.  At an ordinary call Taichi looks up arguments and code again, which may take longer than a
+    step of few beads.
     """
-    if taichi.__version__ != LEAN:
-        return lambda: kernel(*templates)
     inner = kernel._primal
-    compiled = inner.compiled_kernels[inner.ensure_compiled(kernel._kernel_owner, *templates)]
+    templates = [isinstance(one.annotation, ti.template) for one in inner.arguments[1:]]  # the first is the owner
+    if taichi.__version__ != LEAN:
+
+        def ordinary(*values: float) -> None:
+            given = iter(values)
+            kernel(*(one if fixed else next(given) for one, fixed in zip(arguments, templates, strict=True)))
+
+        return ordinary
+    compiled = inner.compiled_kernels[inner.ensure_compiled(kernel._kernel_owner, *arguments)]
     program = inner.runtime.prog
     code = program.compile_kernel(program.config(), program.get_device_caps(), compiled)
     context = compiled.make_launch_context()
-    return lambda: program.launch_kernel(code, context)
+    numbers = [one.annotation for one, fixed in zip(inner.arguments[1:], templates, strict=True) if not fixed]
+    setters = [context.set_arg_float if one in (ti.f32, ti.f64) else context.set_arg_int for one in numbers]
+
+    def launch(*values: float) -> None:
+        for place, (setter, value) in enumerate(zip(setters, values, strict=True)):
+            setter((place,), value)
+        program.launch_kernel(code, context)
+
+    return launch
 
 
 def _cuda_present() -> bool:

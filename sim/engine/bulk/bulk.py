@@ -11,7 +11,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -595,28 +596,33 @@ class Bulk:
 
     def _launch(self, steps: int) -> int:
         """Make up to `steps` steps and return how many were made."""
-        arena = self._arena
+        arena, beads = self._arena, self._count(at.BEADS)
+        build = cache(lambda whole: backend.prepared(arena.build_list, 0.0, 1, whole))
+        step = cache(lambda: backend.prepared(arena.run_team, 1, 1, 0.0, self._alike, self._mechanics))
         done = 0
         while done < steps:
             before = float(self.steps + done)
             team = 1
             if self.device != "cuda":
-                team = self._crew.gather(arena, min(self.threads, self._count(at.BEADS) // BEADS_PER_THREAD))
-            parts = team if self._count(at.BEADS) >= BEADS_IN_PARTS and not self._count(at.WHOLE) else 1
-            arena.build_list(before, parts, parts == 1)
-            if self._count(at.STATUS) != at.OK:
-                break
+                team = self._crew.gather(arena, min(self.threads, beads // BEADS_PER_THREAD))
+            parts = team if beads >= BEADS_IN_PARTS and not self._count(at.WHOLE) else 1
+            build(parts == 1)(before, parts)
             if self.device == "cuda":
+                if self._count(at.STATUS) != at.OK:
+                    break
                 self._burst(min(areas.BURST, steps - done), before)
             else:
-                self._run_team(team, steps - done, before)
-            done += self._count(at.DONE)
+                self._run_team(step(), team, steps - done, before)
+            made = self._count(at.DONE)
+            if not made and self._count(at.STATUS) != at.OK:
+                break
+            done += made
         return done
 
-    def _run_team(self, team: int, steps: int, before: float) -> None:
+    def _run_team(self, launch: Callable[..., None], team: int, steps: int, before: float) -> None:
         """Make up to `steps` steps on a team of threads."""
         began, used = time.perf_counter(), time.process_time()
-        self._arena.run_team(team, steps, before, self._alike, self._mechanics)
+        launch(team, steps, before)
         if team > 1:
             took = time.perf_counter() - began
             self._crew.watch(self._arena, team, took, time.process_time() - used, late=self._count(at.LATE) == 1)
