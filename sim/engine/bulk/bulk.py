@@ -621,11 +621,13 @@ class Bulk:
 
     def _run_team(self, launch: Callable[..., None], team: int, steps: int, before: float) -> None:
         """Make up to `steps` steps on a team of threads."""
+        if team == 1:
+            launch(team, steps, before)
+            return
         began, used = time.perf_counter(), time.process_time()
         launch(team, steps, before)
-        if team > 1:
-            took = time.perf_counter() - began
-            self._crew.watch(self._arena, team, took, time.process_time() - used, late=self._count(at.LATE) == 1)
+        took = time.perf_counter() - began
+        self._crew.watch(self._arena, team, took, time.process_time() - used, late=self._count(at.LATE) == 1)
 
     def _burst(self, length: int, before: float) -> None:
         """Make `length` steps with one launch each, as a GPU needs it."""
