@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
@@ -404,8 +403,7 @@ def _sites_of(
         blocks = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
         blocks = blocks[inside(blocks, particle.smallest_radius)]
         if len(taken) and len(blocks):
-            near, _ = cKDTree(taken).query(blocks, distance_upper_bound=particle.radius + pitch)
-            blocks = blocks[np.isinf(near)]
+            blocks = blocks[_clear(blocks, taken, particle.radius + pitch)]
         blocks = blocks[np.argsort(blocks[:, 2], kind="stable")]
         sites, shift_of = _cells(blocks, float(pitch), sizes * particle.radius, inside)
         if len(sites) == len(sizes):
@@ -460,11 +458,18 @@ def _sites(
         sites = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
         sites = sites[inside(sites, particle.radius + shift)]
         if len(taken) and len(sites):
-            near, _ = cKDTree(taken).query(sites, distance_upper_bound=particle.diameter + shift)
-            sites = sites[np.isinf(near)]
+            sites = sites[_clear(sites, taken, particle.diameter + shift)]
         if len(sites) >= count:
             break
     return sites[np.argsort(sites[:, 2], kind="stable")], shift
+
+
+def _clear(sites: Array, taken: Array, distance: float) -> npt.NDArray[np.bool_]:
+    """Which sites are at least `distance` [m] from all `taken` points."""
+    from scipy.spatial import cKDTree  # not at the start of a rain, which does without
+
+    near, _ = cKDTree(taken).query(sites, distance_upper_bound=distance)
+    return np.isinf(near)
 
 
 def _shaken(sites: Array, shift: Array, random: np.random.Generator, thrown: float) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -583,9 +584,14 @@ class Bulk:
 
     def _check_overlaps(self, position: Array, radii: Array, name: npt.NDArray[np.int64], tolerance: float) -> None:
         old = self._rows()
+        reach = old[:, 9:10] + radii.max(initial=0.0)  # only those near the new ones are looked at
+        beyond = (old[:, 0:3] < position.min(axis=0, initial=math.inf) - reach) | (
+            old[:, 0:3] > position.max(axis=0, initial=-math.inf) + reach
+        )
+        old = old[~beyond.any(axis=1)]
         centres, sizes = np.vstack([old[:, 0:3], position]), np.concatenate([old[:, 9], radii])
         names = np.concatenate([self._owners[old[:, 18].astype(int)], name])
-        near = _pairs_within(centres, 2 * sizes.max())
+        near = _pairs_within(centres, 2 * sizes.max(initial=0.0))
         near = near[(near[:, 1] >= len(old)) & (names[near[:, 0]] != names[near[:, 1]])]
         gap = np.linalg.norm(centres[near[:, 0]] - centres[near[:, 1]], axis=1) - sizes[near].sum(1)
         if len(gap) and gap.min() < -tolerance:
