@@ -428,7 +428,7 @@ def bed_height(region: Region, centres: Array, radii: Array) -> float:
     wide, deep = to_x - x, to_y - y
     pitch = max(wide, deep) / ACROSS
     sides = [(np.arange(n) + 0.5) * side / n - side / 2 for side in (wide, deep) if (n := math.ceil(side / pitch))]
-    return float(surface_over(*sides, raised, radii).mean())
+    return float(surface_over(sides[0], sides[1], raised, radii).mean())
 
 
 def flow(times: Array, discharged: Array) -> float | None:

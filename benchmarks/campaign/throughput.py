@@ -32,7 +32,7 @@ COUNT = int(os.environ.get("COUNT", str(small(64, 2))))
 BLOCK = small(8, 2)  # packings of one sweep
 BEADS, DIAMETER = small(1000, 60), small("65mm", "30mm")
 METHOD = "mean surface"
-WANTED = 0.5  # of the wall time before docs/decisions/0015
+WANTED = 0.5  # of the wall time of the checkout beside
 SAME = 3.0  # standard errors of the difference between the mean heights
 
 

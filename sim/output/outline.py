@@ -91,14 +91,14 @@ def surface_over(x: Array, y: Array, centres: Array, radii: Array) -> Array:
     # grid lines that a sphere may lie over, and one to spare
     counts = [math.ceil(2 * reach / _spacing(axis)) + 2 for axis in (x, y)]
     for part in np.array_split(np.arange(len(centres)), max(1, len(centres) * math.prod(counts) // POINTS_AT_ONCE)):
-        over, lines = radii[part, None, None] ** 2, []
+        apart2, lines = [], []
         for column, (axis, count) in enumerate(zip((x, y), counts, strict=True)):
             place = centres[part, column, None]
             line = np.floor((place - reach - axis[0]) / _spacing(axis)).astype(np.int64) + np.arange(count)
             on_grid = (line >= 0) & (line < len(axis))
             lines.append(np.clip(line, 0, len(axis) - 1))
-            apart2 = np.where(on_grid, (axis[lines[column]] - place) ** 2, np.inf)
-            over = over - (apart2[:, :, None] if column == 0 else apart2[:, None, :])
+            apart2.append(np.where(on_grid, (axis[lines[column]] - place) ** 2, np.inf))
+        over = radii[part, None, None] ** 2 - (apart2[0][:, :, None] + apart2[1][:, None, :])
         sphere, i, j = np.nonzero(over >= 0)
         top = centres[part][sphere, 2] + np.sqrt(over[sphere, i, j])
         np.maximum.at(height, (lines[0][sphere, i], lines[1][sphere, j]), top)

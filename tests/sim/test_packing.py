@@ -128,6 +128,19 @@ def test_the_surface_of_one_sphere_is_that_of_the_sphere():
     assert heights.mean() * area == pytest.approx(under, rel=0.02)
 
 
+@pytest.mark.parametrize("width", [0.04, 0.011])
+def test_the_surface_of_many_spheres_is_the_highest_of_each(width):
+    random = np.random.default_rng(8)
+    centres, radii = random.uniform(-0.024, 0.024, (300, 3)), random.uniform(2e-4, 4e-3, 300)
+    x = (np.arange(100) + 0.5) / 100 * width - width / 2
+    highest = np.zeros((100, 100))
+    for (cx, cy, cz), radius in zip(centres, radii, strict=True):
+        over = radius**2 - ((x[:, None] - cx) ** 2 + (x[None, :] - cy) ** 2)
+        highest = np.where(over >= 0, np.maximum(highest, cz + np.sqrt(np.maximum(over, 0))), highest)
+    inside = np.hypot(*np.meshgrid(x, x, indexing="ij")) < width / 2
+    assert np.array_equal(packing.surface(centres, radii, width), highest[inside])
+
+
 def test_the_seed_decides(bed):
     assert np.array_equal(poured().centres, bed.centres)
     assert not np.array_equal(poured(count=20, seed=5).centres, poured(count=20).centres)
