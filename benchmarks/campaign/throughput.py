@@ -1,4 +1,4 @@
-"""How many packings a campaign settles in an hour of a core, and how they lie; beside another checkout where one is given.
+"""How many packings a campaign settles in an hour of a core, and how they lie; also beside another checkout.
 
     COUNT=64 python benchmarks/campaign/throughput.py [--particle D6] [--beads 1000] [--beside /path/to/checkout]
 
@@ -73,9 +73,7 @@ def heights(blocks: Sequence[Block]) -> tuple[float, float, float]:
     """Mean [m], standard deviation over the seeds [m] and standard error of the mean [m]."""
     runs = sum(block.runs for block in blocks)
     mean = sum(block.runs * block.height for block in blocks) / runs
-    squares = sum(
-        (block.runs - 1) * block.scatter**2 + block.runs * (block.height - mean) ** 2 for block in blocks
-    )
+    squares = sum((block.runs - 1) * block.scatter**2 + block.runs * (block.height - mean) ** 2 for block in blocks)
     scatter = math.sqrt(squares / (runs - 1))
     return mean, scatter, scatter / math.sqrt(runs)
 
@@ -126,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for tree in range(len(trees))[:: 1 if number % 2 == 0 else -1]:
             found[tree].append(swept(trees[tree], seed + BLOCK * number, options))
     rows = rows_of(found[0], f"{options.beads} {options.particle}")
-    if len(found) == 2:  # noqa: PLR2004  this one and the other
+    if len(found) == 2:
         rows += beside_rows(*found)
     return report("throughput", rows, particle=options.particle, beads=options.beads, seed=seed)
 
