@@ -260,7 +260,7 @@ def _measured_and_run(
             measured = pending.results(progress)
         measured_after = time.perf_counter() - clock
         for experiment in experiments:
-            _need_one(experiment, measured[experiment.id])
+            measured[experiment.id].need_known()
         late = [one for one in wanted if one not in early]
         for one in late:
             filmed[one.id], seen[one.id] = as_seen(one, measured[one.id].measurements, settings["count"])
@@ -464,15 +464,6 @@ def _need_takers(
     for what, given in idle.items():
         if given:
             raise BadInput(f"{lab.path}: {what} ({', '.join(one.id for one in experiments)}); leave it out.")
-
-
-def _need_one(experiment: Experiment, measured: Measured) -> None:
-    if measured.known:
-        return
-    first, *others = measured.failures
-    which = f"none of its {len(others) + 1} repetitions" if others else "its only repetition"
-    verb = "could be measured" if others else "could not be measured"
-    raise BadInput(f"{experiment.id}: {which} {verb}: {first.message}")
 
 
 def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:

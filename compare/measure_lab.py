@@ -134,6 +134,8 @@ def measure_lab(
     ------
     BadLabFile
         If lab.toml is not valid, rejects all repetitions of an experiment, or states what none of them fits.
+    BadInput
+        If no repetition of any experiment can be measured.
     """
     lab = read_lab(lab_folder, allow_outside=allow_outside)
     experiments = chosen(lab, only)
@@ -143,6 +145,9 @@ def measure_lab(
             remove_leftovers(out / place)
         with measuring(experiments, out, workers, again=again) as pending:
             found: Mapping[str, Measured] = pending.results(progress)
+        if not any(one.known for one in found.values()):
+            for one in found.values():
+                one.need_known()
         remarks = () if len(experiments) == len(lab.experiments) else (PART,)
         done = LabMeasurements(lab, tuple(found[one.id] for one in experiments), remarks=remarks)
         names = ("measurements.csv", "measurements.json")

@@ -50,6 +50,15 @@ class Measured:
         """Whether anything was measured or is stated."""
         return bool(self.measurements or self.experiment.measured)
 
+    def need_known(self) -> None:
+        """Raise `BadInput` with the reason of the first failure if nothing is known."""
+        if self.known or not self.failures:
+            return
+        first, *others = self.failures
+        which = f"none of its {len(others) + 1} repetitions" if others else "its only repetition"
+        verb = "could be measured" if others else "could not be measured"
+        raise BadInput(f"{self.experiment.id}: {which} {verb}: {first.message}")
+
     @property
     def quantities(self) -> list[Quantity]:
         """Stated quantities, then those of all repetitions that they do not replace, the views of each combined."""

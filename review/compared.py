@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare.result_files import FIGURES, listed_figures
+from rigtwin.lab.checksums import sha256
 from rigtwin.lab.formatting import percent, reading, siblings, title
 from rigtwin.lab.input_files import LARGEST_TABLE
 
@@ -98,8 +99,17 @@ def comparison(lab: Path) -> dict[str, Any]:
         rows: dict[str, list[dict[str, str]]] = {}
         for name, row in map(row_json, found):
             rows.setdefault(name, []).append(row)
-        return {"rows": rows, "changed_since": lab.stat().st_mtime_ns > state.st_mtime_ns}
+        newer = lab.stat().st_mtime_ns > state.st_mtime_ns
+        return {"rows": rows, "changed_since": newer and not _as_compared(lab)}
     return {}
+
+
+def _as_compared(lab: Path) -> bool:
+    """Whether lab.toml holds what was compared, as after a change that was taken back."""
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        inputs = json.loads(result_file(lab.parent, "provenance.json").read_text(encoding="utf-8"))["inputs"]
+        return any((one["file"], one["sha256"]) == (lab.name, sha256(lab)) for one in inputs)
+    return False
 
 
 def row_json(row: dict[str, Any]) -> tuple[str, dict[str, str]]:

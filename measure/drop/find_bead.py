@@ -28,7 +28,7 @@ from rigtwin.measure.tracking.find_paths import Movement, find_paths
 from rigtwin.measure.tracking.follow import Chase, chase_path, look_again
 from rigtwin.measure.tracking.link import SpotPath
 from rigtwin.measure.tracking.search_by_look import paths_by_look, picture_at, picture_on_path
-from rigtwin.measure.tracking.stated_centres import stated_centres, with_stated
+from rigtwin.measure.tracking.stated_centres import contradictions, stated_centres, with_stated
 
 WHOLE = 0.9  # minimum share of the frames from the first to the last sighting in which the bead is seen
 NOISIER = 2.0  # factor on the least noise of all paths up to which the number of bounces decides
@@ -51,6 +51,7 @@ class _Found:
     repeats: frozenset[int]  # frames that repeat the one before
     losses: tuple[Loss, ...]
     fitted: Bounces | None
+    warnings: tuple[str, ...] = ()
 
 
 def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress) -> _Found:
@@ -88,8 +89,9 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
     if found.fitted is not None:
         expected = _expected(found.seen, found.pixels, found.fitted, found.video)
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
+        warnings = tuple(contradictions(better, centres, video.in_file))
         better = with_stated(better, centres, found.video.times)
-        return replace(found, seen=better, pixels=_pixel_track(better))
+        return replace(found, seen=better, pixels=_pixel_track(better), warnings=warnings)
     if len(found.pixels.time) <= FEWEST_SEEN:
         path = found.seen.path
         raise NothingToMeasure(

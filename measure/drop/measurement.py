@@ -229,7 +229,7 @@ def _measure_film(
             for quantity in evaluation.quantities
         ),
         checks=checks,
-        warnings=(*video.warnings, *evaluation.warnings, *unconfirmed),
+        warnings=(*video.warnings, *found.warnings, *evaluation.warnings, *unconfirmed),
         camera={
             "frame_rate_hz": video.frame_rate,
             "playback_rate_hz": video.playback_rate,

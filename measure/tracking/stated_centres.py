@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +60,23 @@ def stated_centres(video: Video, camera: Camera, beads: int = 1) -> dict[int, tu
 def moved_to(image: BeadImage, at: Point, shake: Array) -> BeadImage:
     """The bead at a stated place of the frame, whose scene is shifted by `shake` [px]."""
     return replace(image, x=at[0] - float(shake[0]), y=at[1] - float(shake[1]), sigma=STATED_SIGMA)
+
+
+def contradictions(seen: Chase, centres: Mapping[int, tuple[Point, ...]], in_file: Callable[[int], int]) -> list[str]:
+    """Sentences on stated centres of a bead that is seen elsewhere in the same frame, by more than its radius.
+
+    `seen` is the bead as it was followed without them, `in_file` gives the number of a frame in the file.
+    """
+    found = []
+    for sighting in seen.sightings:
+        for at in centres.get(sighting.frame, ()):
+            away = math.dist(at, np.add(sighting.place, sighting.shake))
+            if away > seen.radius:
+                found.append(
+                    f"the centre that is stated of frame {in_file(sighting.frame)} lies {away:.0f} px from the bead "
+                    "that is seen in this frame; it is used as stated."
+                )
+    return found
 
 
 def with_stated(seen: Chase, centres: Mapping[int, tuple[Point, ...]], times: Array) -> Chase:

@@ -6,6 +6,7 @@ import os
 import pytest
 
 from rigtwin.compare.deviation import deviations
+from rigtwin.lab.checksums import sha256
 from rigtwin.lab.quantity import Quantity
 from rigtwin.review.compared import comparison, figures, result_file, result_files
 
@@ -40,6 +41,17 @@ def test_a_lab_that_was_changed_since_is_said_to_be(lab):
     written(lab)
     os.utime(lab / "lab.toml")
     os.utime(lab / "out/deviations.json", (2, 2))
+    assert comparison(lab / "lab.toml")["changed_since"] is True
+
+
+def test_a_change_that_was_taken_back_is_none(lab):
+    written(lab)
+    os.utime(lab / "lab.toml")
+    os.utime(lab / "out/deviations.json", (2, 2))
+    inputs = [{"file": "lab.toml", "sha256": sha256(lab / "lab.toml")}]
+    (lab / "out/provenance.json").write_text(json.dumps({"inputs": inputs}))
+    assert comparison(lab / "lab.toml")["changed_since"] is False
+    (lab / "lab.toml").write_text("# another\n")
     assert comparison(lab / "lab.toml")["changed_since"] is True
 
 

@@ -50,6 +50,8 @@ def test_a_stated_centre_takes_the_place_of_the_one_that_was_found(found):
     assert sigma[at] == pytest.approx(STATED_SIGMA)
     assert np.all(sigma[[at - 1, at + 1]] < 0.2)
     assert moved.camera["stated"] == ["centre"]
+    (said,) = [each for each in moved.warnings if "stated" in each]
+    assert said.startswith("the centre that is stated of frame 40 lies 12 px from the bead")
     # one wrong point among many does not spoil the flights
     restitution = value(found, "restitution_wall", "velocity")
     assert value(moved, "restitution_wall", "velocity") == pytest.approx(restitution, abs=0.001)
