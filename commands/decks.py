@@ -135,8 +135,8 @@ def deck_of(code: Code, work: partial[Any]) -> Any:
         for name in ("seed", "rolling", "stiffness_factor", "time_step_fraction", "forced")
         if said.get(name) is not None
     }
-    for name in ("surfaces", "notes"):
-        settings[name] = said.pop(name, None) or ({"surfaces": None, "notes": ()}[name])
+    settings["surfaces"] = said.pop("surfaces", None) or None
+    settings["notes"] = said.pop("notes", ())
     options = {name: value for name, value in said.items() if value is not None}
     deck = Deck(code, rig, particle, wall, contact, wall_contact, count, options=options, **settings)
     # what the rig leaves open and a deck must state is part of its rig from here on

@@ -1,6 +1,6 @@
 """A rig of the user's own: walls from STL files, at rest or in motion, and what is filled in between them.
 
-Lengths in metres, times in seconds from the begin of the run, angles in radians; z up.
+Lengths in metres, times in seconds from the start of the run, angles in radians; z up.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 STL_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
 LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
 MOST_FACETS = 100_000  # scans are simplified before; a clump of spheres takes about 10 s with so many
+CUT = 200  # [bytes], in which the end of a facet and the first words of another stand
 HEAD, FACET_BYTES = 84, 50  # [bytes], of a binary file: its header with the number of facets, and each facet
 
 
@@ -69,9 +70,13 @@ def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
 def _whole(path: Path, content: bytes, advice: str) -> bytes:
     """The content without what stands behind its last facet.  Raises `BadInput` where the file is cut off."""
     text = content.lstrip()[:5].lower() == b"solid"
-    if text and re.search(rb"\bfacet\b", content, re.IGNORECASE):
+    # the name may hold the word facet, too
+    begun = len(re.findall(rb"\bfacet\s+normal\b", content, re.IGNORECASE)) if text else 0
+    if begun:
         facets = len(re.findall(rb"\bendfacet\b", content, re.IGNORECASE))
-        if len(re.findall(rb"\bfacet\b", content, re.IGNORECASE)) > facets:
+        # the next facet, cut off within its first words
+        starts = re.search(rb"\bendfacet\s+f\w*(\s+\w*)?\Z", content[-CUT:], re.IGNORECASE)
+        if begun > facets or starts:
             raise BadInput(f"{path}: ends within facet {facets + 1}: it is cut off; copy or export it again.")
         return content
     if text and len(content) < HEAD:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -29,6 +29,7 @@ from rigtwin.sim.run.run_log import History
 from rigtwin.sim.run.set_up import Bench, Numerics
 
 if TYPE_CHECKING:
+    from rigtwin.sim.engine.bulk.bulk import Bulk
     from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
     from rigtwin.sim.engine.walls.mesh import Mesh
     from rigtwin.sim.engine.walls.shapes import Motion, Wall
@@ -39,7 +40,8 @@ Surfaces = Mapping[str, tuple[Material, Contact]]
 
 THROWN = 0.0  # [m/s], of placed particles: they may fall a long way before they meet a wall
 MARGIN = 2  # [diameters], of the domain beyond walls and fill where none is stated
-POSES = 200  # at which a moving wall is looked at to find the domain: a turn is seen to 1/100 of it
+POSES = 200  # of a turning wall, at most a turn: they miss 1/8000 of its radius, far less than the margin
+DRAWN = 64  # places that are compared with the walls at once, which takes hardly longer than one
 ACROSS = 100  # points across a region over which the height of the bed is averaged
 STEADY = (0.2, 0.8)  # share of the discharged mass between which the flow counts as steady
 FEWEST = 5  # looks from which a flow is read
@@ -48,7 +50,7 @@ WHOLE = "domain"  # name of the region that is looked at where none is stated
 
 @dataclass(frozen=True)
 class Course:
-    """What happened in a rig of the user's own; z up, times from the begin of the run."""
+    """What happened in a rig of the user's own; z up, times from the start of the run."""
 
     series: tuple[Series, ...]  # particles and mass in each region, discharged mass and kinetic energy over time
     inside: dict[str, tuple[int, float]]  # at the end, by region: particles, mass [kg]
@@ -123,33 +125,32 @@ def run(
     bench = Bench(rig, particle, wall, contact, min((c for _, c in made_of.values()), key=_restitution), numerics)
     bulk = bench.bulk_of([_wall(rig, name, walls[name], *made_of[name], bench) for name in walls], domain)
     regions = regions_of(rig, particle)
-    source, books = Pouring(rig), _Books(random=np.random.default_rng(seed))
-    steps = max(1, round(rig.interval / bulk.time_step))
+    source, state = Pouring(rig), _RunState(random=np.random.default_rng(seed))
+    clock = _Clock(rig, bulk.time_step)
     stated = {name: [asdict(one) for one in pair] for name, pair in made_of.items()}
     with bench.logbook(bulk, count=count, seed=seed, surfaces=stated) as logbook:
         if kept := logbook.resume():
-            books.go_on(kept)
-        while not books.ended:
-            if books.placed < count and bulk.time >= books.next_fill - bulk.time_step / 2:
-                source.time, books.next_fill = bulk.time, bulk.time + filling.LOOK
-                if rig.pour_rate is None:
-                    filling.scatter_some(bulk, books, count, source.inside, source.box, particle, thrown=THROWN)
-                    if not books.placed:
-                        raise BadInput("fill: no particle finds room in it clear of the walls; give a larger one.")
-                elif books.patience < filling.PATIENCE:
-                    filling.pour(bulk, books, source, bulk.grains().position, particle, count)
-            before = bulk.grains()
-            if not books.rows:
-                books.look(regions, before, 0.0)
-            logbook.run(steps)
-            now = bulk.grains()
-            books.note_gone(before, now, domain, rig.interval)
-            books.look(regions, now, bulk.time)
-            books.note_end(rig, particle, now, bulk.time, count)
-            logbook.look(books.kept())
+            state.go_on(kept)
+        while not state.ended:
+            if bulk.steps >= clock.check(state.checks):
+                source.time, state.checks = bulk.time, state.checks + 1
+                _fill(bulk, state, source, particle, count)
+            before, began = state.remaining(bulk.grains(), domain), bulk.time
+            if not state.rows:
+                state.look(regions, before, 0.0)
+            next_check, next_look = clock.check(state.checks), clock.look(len(state.rows))
+            logbook.run(max(1, min(next_check, next_look, clock.end) - bulk.steps))
+            now = state.remaining(bulk.grains(), domain)
+            state.note_gone(before, now, domain, bulk.time - began)
+            if bulk.steps >= next_check:
+                state.note_rest(rig, particle, now, bulk.time, count)
+            state.ended = state.ended or bulk.steps >= clock.end
+            if bulk.steps >= next_look or state.ended:
+                state.look(regions, now, bulk.time)
+            logbook.look(state.kept())
             progress("simulating", min(bulk.time, rig.duration), rig.duration)
     return _course_of(
-        rig, particle, books, bulk.beads(), bulk.grains(), asked=count, time=bulk.time,
+        rig, particle, state, bulk.beads(), state.remaining(bulk.grains(), domain), asked=count, time=bulk.time,
         statistics=logbook.statistics(), history=logbook.history,
         assumptions={**assumptions_of(rig, particle), **bench.assumptions()}, warnings=bench.warnings(bulk, logbook),
     )  # fmt: skip
@@ -165,7 +166,7 @@ def replayed(rig: CustomRig, particle: Particle, frames: Sequence[Frame], *, ask
     particle : Particle
         The particle.
     frames : sequence of Frame
-        The particles over time, from the begin of the run to its end.
+        The particles over time, from the start of the run to its end.
     asked, placed : int
         Number of particles that were asked for, and that were placed.
 
@@ -174,34 +175,21 @@ def replayed(rig: CustomRig, particle: Particle, frames: Sequence[Frame], *, ask
     Course
         As `run` returns it.
     """
-    books, domain = _Books(random=np.random.default_rng(0), placed=placed), domain_of(rig, particle)
+    state, domain = _RunState(random=np.random.default_rng(0), placed=placed), domain_of(rig, particle)
     regions = regions_of(rig, particle)
     before: Grains | None = None
     last = 0.0
-    gone: set[int] = set()  # particles that left the domain; a code may keep them until they leave its own room
-    for whole in frames:
-        frame = _remaining(whole, particle, domain, gone)
-        now = frame.grains(particle)
+    for frame in frames:
+        now = state.remaining(frame.grains(particle), domain)
         if before is not None:
-            books.note_gone(before, now, domain, frame.time - last)
-        books.look(regions, now, frame.time)
+            state.note_gone(before, now, domain, frame.time - last)
+        state.look(regions, now, frame.time)
         before, last = now, frame.time
-    final = frame
-    books.at_rest = filling.resting(final.grains(particle), particle)
+    state.at_rest = filling.resting(now, particle)
     return _course_of(
-        rig, particle, books, final.beads(particle), final.grains(particle), asked=asked, time=final.time,
+        rig, particle, state, frame.beads(particle), now, asked=asked, time=frame.time,
         statistics={}, history=None, assumptions=assumptions_of(rig, particle), warnings=(),
     )  # fmt: skip
-
-
-def _remaining(frame: Frame, particle: Particle, domain: tuple[Array, Array], gone: set[int]) -> Frame:
-    """The frame without particles that have left the domain, which go into `gone`."""
-    each = len(particle.radii)
-    inside = _inside(frame.position, domain)
-    owner = frame.ident // each
-    gone.update(owner[~inside].tolist())
-    keep = ~np.isin(owner, list(gone))
-    return replace(frame, ident=frame.ident[keep], position=frame.position[keep], velocity=frame.velocity[keep])
 
 
 def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
@@ -210,10 +198,11 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
     if count < 1:
         raise BadInput(f"count: {count} particles fill no rig; give at least 1.")
     low, high = domain_of(rig, particle)
-    for name, mesh in shapes(rig).items():
-        if not (mesh.corners.min((0, 1)) < high).all() or not (mesh.corners.max((0, 1)) > low).all():
+    for name, wall in rig.walls.items():
+        reached = poses(rig, wall)
+        if not (reached.min(axis=0) < high).all() or not (reached.max(axis=0) > low).all():
             raise BadInput(
-                f"walls.{name}: lies outside the domain: it is {_box(mesh.corners)}, and the domain is "
+                f"walls.{name}: lies outside the domain: it is {_box(reached)}, and the domain is "
                 f"{_box(np.array([low, high]))}; check stl_unit, and the axes of the STL file."
             )
     fill = np.array([rig.fill.low, rig.fill.high])
@@ -247,7 +236,7 @@ def _restitution(contact: Contact) -> float:
 
 
 def shapes(rig: CustomRig) -> dict[str, Mesh]:
-    """The walls at their places at the begin, by name."""
+    """The walls at their places at the start, by name."""
     from rigtwin.sim.engine.walls.mesh import Mesh
 
     return {name: Mesh(corners_of(wall), name=f"walls.{name}") for name, wall in rig.walls.items()}
@@ -296,17 +285,21 @@ def domain_of(rig: CustomRig, particle: Particle) -> tuple[Array, Array]:
 
 
 def poses(rig: CustomRig, wall: StlWall) -> Array:
-    """Points [m], shape (n, 3), in whose box a wall stays during the run."""
+    """Points [m], shape (n, 3), in whose box a wall stays until it is removed or the run ends."""
     corners, motion = corners_of(wall).reshape(-1, 3), motion_of(wall)
     if motion is None or wall.belt:
         return corners
-    lasts = max(min(rig.duration, motion.stop) - motion.start, 0.0)
+    until = min(rig.duration, motion.stop, math.inf if wall.removed is None else wall.removed)
+    lasts = max(until - motion.start, 0.0)
+    turns = min(lasts, 2 * math.pi / abs(motion.spin)) if motion.spin else 0.0
+    in_place = replace(motion, velocity=(0.0, 0.0, 0.0), amplitude=(0.0, 0.0, 0.0))
     hull = np.array(np.meshgrid(*np.array([corners.min(0), corners.max(0)]).T)).reshape(3, -1).T
-    times = motion.start + np.linspace(0, lasts, POSES)
-    reach = np.abs(np.array(wall.vibration_amplitude))  # its extremes lie between the poses
-    still = replace(motion, amplitude=(0.0, 0.0, 0.0))
-    moved = np.concatenate([corners, *(still.done(hull, time) for time in times)])
-    return np.concatenate([moved - reach, moved + reach])
+    turned = np.concatenate(
+        [corners, *(in_place.done(hull, time) for time in motion.start + np.linspace(0, turns, POSES))]
+    )
+    way, sway = lasts * np.array(motion.velocity), np.abs(motion.amplitude) if lasts else np.zeros(3)
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    return np.array([low + np.minimum(way, 0.0) - sway, high + np.maximum(way, 0.0) + sway])
 
 
 def within(region: Region, points: Array, clear: float = 0.0) -> npt.NDArray[np.bool_]:
@@ -329,6 +322,8 @@ class Pouring:
         self.speed, self.height = rig.pour_speed, rig.fill.low[2]
         self.box = np.array(rig.fill.low), np.array(rig.fill.high)
         self.time = 0.0  # [s]
+        self._drawn: list[Array | None] = []  # places that were drawn together
+        self._drawn_for = (0.0, 0.0)  # [s], [m], time and diameter
         self._walls = [(mesh, rig.walls[name], motion_of(rig.walls[name])) for name, mesh in shapes(rig).items()]
 
     def inside(self, points: Array, clear: float) -> npt.NDArray[np.bool_]:
@@ -346,34 +341,93 @@ class Pouring:
 
     def draw(self, diameter: float, rng: np.random.Generator) -> Array | None:
         """A random place [m] for a particle of this `diameter` [m]; None where it would touch a wall."""
-        place = np.asarray(rng.uniform(*self.box))
-        return place if self.inside(place[None], diameter / 2)[0] else None
+        if not self._drawn or self._drawn_for != (self.time, diameter):
+            points = rng.uniform(*self.box, (DRAWN, 3))
+            free = self.inside(points, diameter / 2)
+            self._drawn = [point if clear else None for point, clear in zip(points, free, strict=True)]
+            self._drawn_for = self.time, diameter
+        return self._drawn.pop()
 
 
 # ---------------------------------------------------------------------- the run
 
 
+class _Clock:
+    """Steps at which a run checks filling and rest, looks at the particles, and ends."""
+
+    def __init__(self, rig: CustomRig, time_step: float) -> None:
+        self._interval, self._time_step = rig.interval, time_step
+        self.end = max(1, round(rig.duration / time_step))
+
+    def check(self, number: int) -> int:
+        """Step of a check, the first one at the start."""
+        return round(number * filling.LOOK / self._time_step)
+
+    def look(self, number: int) -> int:
+        """Step of a look, the first one at the start."""
+        return round(number * self._interval / self._time_step)
+
+
+def _fill(bulk: Bulk, state: _RunState, source: Pouring, particle: Particle, count: int) -> None:
+    """Place the particles that are due and find room; in vain too often, filling ends."""
+    if not state.filling(count):
+        return
+    rig = source.rig
+    if rig.pour_rate is None:
+        filling.scatter_some(bulk, state, count, source.inside, source.box, particle, thrown=THROWN)
+    else:
+        filling.pour(bulk, state, source, bulk.grains().position, particle, count)
+    if still_to_come(rig, source.time):
+        state.patience = 0  # a wall that moves or is taken away may make room
+    elif rig.pour_rate is None and state.checks == 1 and not state.placed:
+        raise BadInput("fill: no particle finds room in it clear of the walls; give a larger one.")
+
+
+def still_to_come(rig: CustomRig, time: float) -> bool:
+    """Whether a wall moves, or will move or be removed, after `time` [s]."""
+    for wall in rig.walls.values():
+        removed, stop = (math.inf if when is None else when for when in (wall.removed, wall.stop))
+        if time < removed and ((wall.moves and time < stop) or removed < math.inf):
+            return True
+    return False
+
+
+def _shakes(wall: StlWall, time: float) -> bool:
+    until = min(math.inf if when is None else when for when in (wall.stop, wall.removed))
+    return wall.vibration_frequency != 0 and any(wall.vibration_amplitude) and wall.start <= time < until
+
+
 @dataclass(kw_only=True)
-class _Books(filling.Course):
+class _RunState(filling.Course):
     """What was seen so far; a run resumes from it and from the state of the particles."""
 
     rows: list[list[float]] = field(default_factory=list)
     """Time, per region particles and mass, discharged mass, kinetic energy."""
+    checks: int = 0  # of filling and rest so far
+    settled: int = 0  # checks in a row at rest, with no wall that is still to move or to be removed
     discharged: int = 0
     discharged_mass: float = 0.0  # [kg]
     escaped: int = 0
     escaped_mass: float = 0.0  # [kg]
-    next_fill: float = 0.0  # [s]
+    gone: list[int] = field(default_factory=list)  # particles that left the domain
     ended: bool = False
     at_rest: bool = False
 
+    def filling(self, count: int) -> bool:
+        """Whether particles are still to be placed."""
+        return self.placed < count and self.patience < filling.PATIENCE
+
+    def remaining(self, grains: Grains, domain: tuple[Array, Array]) -> Grains:
+        """The particles that have not left the domain, even if they came back before their removal."""
+        keep = _inside(grains.position, domain) & ~np.isin(grains.ident, self.gone)
+        return replace(grains, **{one.name: getattr(grains, one.name)[keep] for one in fields(grains)})
+
     def note_gone(self, before: Grains, now: Grains, domain: tuple[Array, Array], interval: float) -> None:
         """Count the particles that left, and through which side: that beyond which their flight led them farthest."""
-        # the engine removes a particle some steps after it has left
-        there = now.ident[_inside(now.position, domain)]
-        gone = ~np.isin(before.ident, there) & _inside(before.position, domain)
+        gone = ~np.isin(before.ident, now.ident)
         if not gone.any():
             return
+        self.gone += before.ident[gone].tolist()
         ahead = before.position[gone] + interval * before.velocity[gone]
         ahead[:, 2] -= GRAVITY / 2 * interval**2
         beyond = np.column_stack([domain[0] - ahead, ahead - domain[1]])
@@ -392,23 +446,16 @@ class _Books(filling.Course):
             row += [float(there.sum()), float(grains.mass[there].sum())]
         self.rows.append([*row, self.discharged_mass, grains.kinetic_energy])
 
-    def note_end(self, rig: CustomRig, particle: Particle, grains: Grains, time: float, count: int) -> None:
-        """Note whether the run ends here."""
-        self.quiet = self.quiet + 1 if filling.resting(grains, particle) else 0
+    def note_rest(self, rig: CustomRig, particle: Particle, grains: Grains, time: float, count: int) -> None:
+        """Note whether the particles rest, and whether the run ends here."""
+        waits, resting = still_to_come(rig, time), filling.resting(grains, particle)
+        # checks may fall on the turning points of a vibration
+        self.quiet = self.quiet + 1 if resting and not any(_shakes(wall, time) for wall in rig.walls.values()) else 0
+        self.settled = self.settled + 1 if resting and not waits else 0
         self.at_rest = self.quiet >= filling.REST_LOOKS
-        filled = self.placed >= count or self.patience >= filling.PATIENCE
-        moves_later = any(wall.moves and wall.start >= time for wall in rig.walls.values())
-        waits = moves_later or any((wall.removed or 0.0) > time for wall in rig.walls.values())
-        moving = any(
-            wall.moves and time < (math.inf if wall.stop is None else wall.stop) for wall in rig.walls.values()
-        )
-        stuck = self.at_rest and not waits and not moving  # nothing leaves any more
-        over = {
-            "time": False,
-            "at rest": self.at_rest and not waits,
-            "empty": not len(grains.ident) or stuck,
-        }[rig.end]
-        self.ended = time >= rig.duration - rig.interval / 2 or (filled and over)
+        settled = self.settled >= filling.REST_LOOKS  # nothing moves or leaves any more
+        over = {"time": False, "at rest": settled, "empty": settled or not len(grains.ident)}[rig.end]
+        self.ended = over and not self.filling(count)
 
 
 def regions_of(rig: CustomRig, particle: Particle) -> dict[str, Region]:
@@ -483,7 +530,7 @@ def motion_in_words(wall: StlWall) -> str:
 def _course_of(
     rig: CustomRig,
     particle: Particle,
-    books: _Books,
+    state: _RunState,
     beads: Beads,
     grains: Grains,
     *,
@@ -495,41 +542,50 @@ def _course_of(
     warnings: tuple[str, ...],
 ) -> Course:
     regions = regions_of(rig, particle)
-    times, *columns = np.array(books.rows).T
+    times, *columns = np.array(state.rows).T
     named = [(f"{what}_in_{name}", unit) for name in regions for what, unit in (("particles", "1"), ("mass", "kg"))]
     named += [("mass_discharged", "kg"), ("kinetic_energy", "J")]
     inside = {name: within(region, grains.position) for name, region in regions.items()}
     owner = beads.ident if beads.grain is None else beads.grain
+    there = np.isin(owner, grains.ident)
     heights = {}
     for name, region in regions.items():
         spheres = np.isin(owner, grains.ident[inside[name]])
         heights[name] = bed_height(region, beads.position[spheres], beads.radius[spheres])
     said = list(warnings)
-    if books.placed < asked:
-        said.append(f"only {books.placed} of {asked} particles found room in the fill region")
-    if books.escaped:
+    if state.placed < asked and state.patience >= filling.PATIENCE:
+        said.append(f"only {state.placed} of {asked} particles found room in the fill region; give a larger one")
+    elif state.placed < asked:
+        more = "give a larger fill" if rig.pour_rate is None else "pour_rate"
+        said.append(f"only {state.placed} of {asked} particles were placed in {time:.3g} s; raise duration or {more}")
+    if state.escaped:
         said.append(
-            f"{books.escaped} of {books.placed} particles left through a side or the top of the domain; "
+            f"{state.escaped} of {state.placed} particles left through a side or the top of the domain; "
             "close the walls there, or give a larger domain (low, high)"
         )
-    if rig.end == "at rest" and not books.at_rest:
+    if rig.end == "at rest" and still_to_come(rig, time):
+        said.append(
+            "a wall still moved, or was still to be removed, when the time limit was reached; raise duration, or give "
+            "its motion a stop"
+        )
+    elif rig.end == "at rest" and not state.at_rest:
         said.append("the particles were still moving when the time limit was reached; raise duration")
     if rig.end == "empty" and len(grains.ident):
         rest = "rest: they arch over an opening, or lie on a wall"
         limit = "were still there when the time limit was reached; raise duration"
-        said.append(f"{len(grains.ident)} particles {rest if books.at_rest else limit}")
+        said.append(f"{len(grains.ident)} particles {rest if state.at_rest else limit}")
     return Course(
         series=tuple(Series(times, values, name, unit) for (name, unit), values in zip(named, columns, strict=True)),
-        inside={name: (int(there.sum()), float(grains.mass[there].sum())) for name, there in inside.items()},
+        inside={name: (int(rows.sum()), float(grains.mass[rows].sum())) for name, rows in inside.items()},
         bed_heights=heights,
-        discharged=(books.discharged, books.discharged_mass),
-        escaped=(books.escaped, books.escaped_mass),
+        discharged=(state.discharged, state.discharged_mass),
+        escaped=(state.escaped, state.escaped_mass),
         mass_flow_rate=flow(times, columns[-2]),
         asked=asked,
-        placed=books.placed,
-        at_rest=books.at_rest,
-        centres=beads.position,
-        radii=beads.radius,
+        placed=state.placed,
+        at_rest=state.at_rest,
+        centres=beads.position[there],
+        radii=beads.radius[there],
         time=time,
         statistics=statistics,
         history=history,

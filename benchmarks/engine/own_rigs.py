@@ -24,7 +24,6 @@ import trimesh
 from rigtwin.benchmarks.engine.decks import computed
 from rigtwin.benchmarks.figures import Row, against, report, skipped, small
 from rigtwin.compare.twins.custom import cast_of_own, custom_twin
-from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.file.own_rigs import read_own_rig
 from rigtwin.sim.decks.deck import Deck
 
@@ -111,10 +110,6 @@ def draw_walls(folder: Path) -> None:
         trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]]).export(folder / f"{name}.stl")
 
 
-def value_of(twin: Twin, quantity: str) -> float:
-    return next(one.value for one in twin.quantities if one.quantity == quantity)
-
-
 def row_of(name: str, seeds: int) -> Row:
     """The compared quantity of a rig, by both codes."""
     case = CASES[name]
@@ -129,10 +124,10 @@ def row_of(name: str, seeds: int) -> Row:
         theirs: list[float] = []
         for seed in range(1, seeds + 1):
             run: dict[str, Any] = {"count": own.count, "seed": seed, "surfaces": surfaces}
-            ours.append(value_of(custom_twin(own.rig, cast, **run), case.quantity))
+            ours.append(custom_twin(own.rig, cast, **run).value(case.quantity))
             if shutil.which("liggghts"):
                 deck = Deck("liggghts", own.rig, *cast, **run)
-                theirs.append(value_of(computed(deck, 1)[0], case.quantity))
+                theirs.append(computed(deck, 1)[0].value(case.quantity))
     note = f"ours {', '.join(f'{one:.4g}' for one in ours)}"
     if not theirs:
         return skipped(title, f"LIGGGHTS is not installed; {note}")

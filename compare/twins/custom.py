@@ -105,7 +105,7 @@ def custom_result(
         about: dict[str, str | int | float | bool] = {"region": region}
         found.append(Quantity("particles_inside", particles, 0.0, "1", "count at the end", detail=about))
         found.append(Quantity("mass_inside", mass, 0.0, "kg", "sum at the end", detail=about))
-        if particles and region != custom.WHOLE:
+        if particles and rig.regions:
             height = course.bed_heights[region]
             # one run does not show the scatter from run to run
             bed = Quantity("bed_height", height, math.nan, "m", "mean of the uppermost particles", detail=about)

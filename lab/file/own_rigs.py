@@ -31,7 +31,7 @@ from rigtwin.lab.file.toml_lines import Key, dotted
 from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.stl import STL_UNITS, stl_facets
-from rigtwin.lab.units import LONGEST
+from rigtwin.lab.units import LONGEST, MOST_PARTICLES
 
 ADVICE = "give the surface of a wall as STL, binary or text"
 WIDE = 1000  # [diameters]; a wall as long, of which a bed would have 10^8 particles, has most likely another unit
@@ -106,6 +106,10 @@ def read_own_rig(
     reading = _Reading(("rigs", named), document.path.parent, inventory, allow_outside)
     found = reading.rig(named, entry)
     if found is None:
+        for problem in inventory.problems:
+            part = problem.key[len(reading.key) :]
+            if problem.key[: len(reading.key)] == reading.key and part and part[0] in (instead or {}):
+                raise BadInput(f"{_said(part)}: {problem.what}")
         raise document.error(inventory.problems)
     return found
 
@@ -122,11 +126,18 @@ def rig_of_keys(keys: Mapping[str, Any], lab: Path | None = None) -> OwnRig:
         file, folder = validated(document, LabFile), document.path.parent
     entry = _replaced(None, keys)
     inventory = Inventory(file, folder, only={entry.particle})
-    found = _Reading((), Path(), inventory, allow_outside=True).rig("custom", entry)
+    found = _Reading((), None, inventory, allow_outside=True).rig("custom", entry)
     if found is None:
         first = inventory.problems[0]
-        raise BadInput(f"{dotted(first.key)}: {first.what}")
+        raise BadInput(f"{_said(first.key)}: {first.what}")
     return found
+
+
+def _said(key: Key) -> str:
+    """A key as a person says it, who gives a box as `fill` or `region`."""
+    if key[:2] == ("regions", "region"):
+        return "region"
+    return "fill" if key[:1] == ("fill",) else dotted(key)
 
 
 def _named(path: Path, file: LabFile, name: str | None) -> str:
@@ -148,7 +159,7 @@ def _replaced(entry: CustomRigEntry | None, keys: Mapping[str, Any]) -> CustomRi
     except ValidationError as error:
         details = error.errors()[0]
         said = details.get("ctx", {}).get("error", details["msg"])
-        raise BadInput(f"{dotted(details['loc'])}: {said}") from None
+        raise BadInput(f"{_said(details['loc'])}: {said}") from None
     if entry is None:
         return whole
     changed = {name: getattr(whole, name) for name in keys}
@@ -158,9 +169,9 @@ def _replaced(entry: CustomRigEntry | None, keys: Mapping[str, Any]) -> CustomRi
 
 
 class _Reading:
-    """Reading of one rig at `key`, whose problems go into the inventory's."""
+    """Reading of one rig at `key`, whose problems go into the inventory's; no `folder`: the user named its files."""
 
-    def __init__(self, key: Key, folder: Path, inventory: Inventory, allow_outside: bool) -> None:
+    def __init__(self, key: Key, folder: Path | None, inventory: Inventory, allow_outside: bool) -> None:
         self.key, self.folder, self.inventory, self.allow_outside = key, folder, inventory, allow_outside
         self.notes: list[str] = []
 
@@ -184,6 +195,10 @@ class _Reading:
             what = "is less than half the mass of one particle; state the mass of all particles."
             problems.append(Problem((*self.key, "total_mass"), what))
             return None
+        if count > MOST_PARTICLES:
+            what = f"is that of {count} particles, more than the {MOST_PARTICLES} that a twin can have."
+            problems.append(Problem((*self.key, "total_mass"), what))
+            return None
         model = Model(self.inventory.materials, self.inventory.particles, self.inventory.contacts)
         return OwnRig(name, rig, particle, entry.wall, count, model, tuple(self.notes))
 
@@ -193,13 +208,13 @@ class _Reading:
         problems = self.inventory.problems
         of = entry.material or material
         self.inventory.wall(of, (*key, "material"), of_particles=False)
-        path = self.folder / entry.stl
-        outside = lies_outside(path, self.folder)
+        path = (self.folder or Path()) / entry.stl
+        outside = self.folder is not None and lies_outside(path, self.folder)
         if outside and not self.allow_outside:
             problems.append(Problem((*key, "stl"), f"{path} {OUTSIDE}"))
             return None
         try:
-            with unquoted(path, outside=outside and not self.allow_outside):
+            with unquoted(path, outside=outside):
                 facets = stl_facets(path, STL_UNITS[entry.stl_unit], ADVICE)
         except BadInput as error:
             problems.append(Problem((*key, "stl"), str(error)))
@@ -218,11 +233,9 @@ class _Reading:
         """What is wrong with the size [m] of a wall; a note where it is only odd."""
         bead = particle.typical.diameter
         size, grain = _size(length), f"the particle {particle.name} has {_size(bead)}"
-        if length < bead:
-            return f"is {size} long in all with stl_unit = {unit!r}, and {grain}; state the unit of the file."
         if length > LONGEST:
             return f"is {size} long with stl_unit = {unit!r}, more than {LONGEST:g} m; state the unit of the file."
-        if length > WIDE * bead:
+        if not bead <= length <= WIDE * bead:
             self.notes.append(f"{name} is {size} long with stl_unit = {unit!r}, and {grain}: check the unit")
         return ""
 

@@ -551,7 +551,7 @@ class WallEntry(_Entry):
         default=None, examples=[[0, 0, "0.5 mm"]], description="of a vibration, a sin(2 pi f t) from start"
     )
     vibration_frequency: Rate | None = Field(default=None, examples=["50 Hz"], description="of the vibration")
-    start: Instant = Field(default=0.0, examples=["0.5 s"], description="of the motion, from the begin of the run")
+    start: Instant = Field(default=0.0, examples=["0.5 s"], description="of the motion, from the start of the run")
     stop: Span | None = Field(default=None, examples=["3 s"], description="of the motion; by default it goes on")
     belt: Annotated[bool, _edge(_flag)] = Field(
         default=False, examples=[True], description="the surface moves and the shape stays, as of a conveyor belt"
@@ -586,7 +586,7 @@ class CustomRigEntry(_Entry):
     duration: Span = Field(default=DURATION, examples=["2 s"], description="simulated time, at most")
     end: Literal["time", "at rest", "empty"] = Field(
         default="time",
-        description='"at rest": ends as all particles rest and no wall is about to move; "empty": as all have left',
+        description='"at rest": ends as all rest and no wall is to move or be removed; "empty": as all have left',
     )
     interval: Span = Field(
         default=INTERVAL, examples=["20 ms"], description="between two entries of the tables over time"

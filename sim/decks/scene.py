@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Timeline:
-    """What happens at times [s] from the begin of the run, rising; the run goes on in between."""
+    """What happens at times [s] from the start of the run, rising; the run goes on in between."""
 
     events: tuple[tuple[float, Insert | Move | Open | Look], ...]
 
@@ -354,6 +355,11 @@ def _custom(rig: CustomRig, particle: Particle, count: int, random: np.random.Ge
     """Walls from STL files; what happens at stated times, then a watch until the run ends."""
     custom.check(rig, particle, count=count)
     names = {name: mesh_name(name) for name in rig.walls}
+    for name, other in combinations(names, 2):
+        if names[name] == names[other]:
+            raise BadInput(
+                f"walls.{other}: has the name of walls.{name} in a deck, {names[name]}; give it another name."
+            )
     walls: dict[str, Shape] = {names[name]: mesh for name, mesh in custom.shapes(rig).items()}
     low, high = custom.domain_of(rig, particle)
     source, sizes = custom.Pouring(rig), filling.Course(random=random).sizes(count, particle)

@@ -351,7 +351,9 @@ def scatter_in_turns(
     """
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count:
-        scatter_some(bulk, course, count, inside, box, particle, said)
+        scatter_some(bulk, course, count, inside, box, particle)
+        if course.patience > PATIENCE:
+            raise _too_many(count, particle, course.placed, said)
         if course.placed < count:
             logbook.run(steps)
             logbook.look(course.kept())
@@ -365,7 +367,6 @@ def scatter_some(
     inside: Inside,
     box: tuple[Array, Array],
     particle: Particle,
-    said: str = "count",
     thrown: float = THROWN,
 ) -> None:
     """Add those of `count` particles for which there is room now; the arguments are those of `scatter_in_turns`."""
@@ -375,8 +376,6 @@ def scatter_some(
     rest = None if sizes is None else sizes[course.placed :]
     new, shift = _sites_of(count - course.placed, inside, box, particle, rest, taken, phase)
     new = new[: count - course.placed]
-    if not len(new) and course.patience == PATIENCE:
-        raise _too_many(count, particle, course.placed, said)
     if len(new):
         places, velocities = _shaken(new, shift, course.random, thrown)
         scale = None if rest is None else rest[: len(new)]

@@ -189,6 +189,18 @@ def test_more_facets_or_spheres_than_allowed_are_refused(tmp_path, monkeypatch):
         read_stl(path, MM)
 
 
+def test_a_text_file_may_have_any_name_and_one_that_is_cut_off_is_named_so(tmp_path):
+    text = trimesh.exchange.stl.export_stl_ascii(box())
+    named = text.replace("solid ", "solid reduced facet count", 1)
+    (tmp_path / "grain.stl").write_text(named)
+    assert len(read_stl(tmp_path / "grain.stl", MM).faces) == 12
+    start = text.index("facet normal", text.index("endfacet") + 8)
+    for cut in (start + 3, start + 8, start + 30, start + 60):
+        (tmp_path / "grain.stl").write_text(text[:cut])
+        with pytest.raises(BadInput, match="ends within facet 2: it is cut off"):
+            read_stl(tmp_path / "grain.stl", MM)
+
+
 def test_corners_that_are_no_numbers_are_refused(tmp_path):
     text = trimesh.exchange.stl.export_stl_ascii(box())
     for number in ("nan", "inf"):

@@ -16,6 +16,7 @@ from rigtwin.lab.materials import Contact
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.sim import custom
 from rigtwin.sim.engine.walls.shapes import Plane
+from rigtwin.sim.output.replay import Frame
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.set_up import Bench
 
@@ -236,3 +237,100 @@ def test_a_wall_too_fast_for_the_time_step_is_named(tmp_path):
     )
     with pytest.raises(BadInput, match=r"walls\.cup moves by up to .* let it move more slowly"):
         custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=5)
+
+
+def box_rig(folder: Path, walls: dict[str, StlWall] | None = None, **changed) -> CustomRig:
+    """A cup of 40 mm with room for a few beads near its floor, and other walls."""
+    fill = Region((-0.018, -0.018, 0.0005), (0.018, 0.018, 0.018))
+    return replace(CustomRig({"cup": wall(folder, "cup", cup(40, 80)), **(walls or {})}, fill), **changed)
+
+
+def run_of(rig: CustomRig, count: int = 10, **settings) -> custom.Course:
+    return custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=count, **settings)
+
+
+def test_a_run_does_not_end_at_rest_while_a_wall_moves_or_is_still_to_be_removed(tmp_path):
+    piston = wall(tmp_path, "piston", floor(10.0, 70.0), velocity=(0.0, 0.0, -2e-4), stop=0.5)
+    assert run_of(box_rig(tmp_path, {"piston": piston}, end="at rest")).time == pytest.approx(0.56, abs=0.03)
+    late = replace(piston, velocity=(0.0, 0.0, 0.0), stop=None, removed=0.5)
+    assert run_of(box_rig(tmp_path, {"piston": late}, end="at rest")).time == pytest.approx(0.56, abs=0.03)
+    # every look falls on a moment at which the cup stands at its middle or a turning point
+    shaken = wall(tmp_path, "cup", cup(40, 80), vibration_amplitude=(0.0, 0.0, 1e-4), vibration_frequency=50.0)
+    course = run_of(replace(box_rig(tmp_path, end="at rest", duration=0.4), walls={"cup": shaken}))
+    assert course.time == pytest.approx(0.4, abs=1e-4)
+    assert not course.at_rest
+    assert any("a wall still moved" in one for one in course.warnings)
+
+
+def test_a_wall_that_was_removed_while_it_turned_keeps_no_run_going(tmp_path):
+    blade = wall(tmp_path, "blade", floor(5.0, 70.0), rotation_speed=1.0, removed=0.3)
+    course = run_of(box_rig(tmp_path, {"blade": blade}, end="empty", duration=2.0))
+    assert course.time == pytest.approx(0.36, abs=0.05)
+    assert any("particles rest" in one for one in course.warnings)
+
+
+@pytest.mark.parametrize("pour", [{}, {"pour_rate": 500.0}], ids=["at once", "poured"])
+def test_filling_waits_for_a_slide_that_makes_room_and_stops_with_a_warning_where_none_comes(
+    tmp_path, pour, monkeypatch
+):
+    monkeypatch.setattr(filling, "PATIENCE", 10)
+    shelf = wall(tmp_path, "shelf", floor(19.5, 30.0), removed=0.6)
+    fill = Region((-0.018, -0.018, 0.031), (0.018, 0.018, 0.045))
+    rig = box_rig(tmp_path, {"shelf": shelf}, fill=fill, duration=1.6, end="at rest", **pour)
+    course = run_of(rig, 90)
+    assert course.placed == 90
+    full = run_of(replace(rig, walls={**rig.walls, "shelf": replace(shelf, removed=None)}), 120)
+    assert 20 < full.placed < 90
+    assert full.time < 1.5
+    assert any(f"only {full.placed} of 120 particles found room in the fill region" in one for one in full.warnings)
+
+
+def test_a_pour_that_was_cut_short_is_not_blamed_on_the_fill_region(tmp_path):
+    rig = box_rig(tmp_path, pour_rate=100.0, duration=0.2, fill=Region((-0.018, -0.018, 0.04), (0.018, 0.018, 0.07)))
+    course = run_of(rig, 200)
+    assert f"only {course.placed} of 200 particles were placed in 0.2 s; raise duration or pour_rate" in course.warnings
+
+
+def test_the_interval_of_the_tables_changes_nothing_else(tmp_path):
+    rig = box_rig(tmp_path, duration=0.31)
+    courses = {interval: run_of(replace(rig, interval=interval), 60) for interval in (0.01, 0.02, 0.1, 0.5)}
+    for interval, course in courses.items():
+        assert course.placed == courses[0.01].placed
+        assert np.array_equal(course.centres, courses[0.01].centres)
+        assert course.time == pytest.approx(0.31, abs=1e-4)
+        looks = [k * interval for k in range(math.ceil(0.31 / interval - 1e-9))]
+        assert course.series[0].time == pytest.approx([*looks, 0.31], abs=1e-4)
+
+
+def test_a_bead_that_comes_back_through_the_border_is_counted_once(tmp_path):
+    post = quad((18, 18, 0), (20, 18, 0), (20, 18, 20), (18, 18, 20))  # reaches into the domain
+    mesh = trimesh.util.concatenate([floor(20.0), post])
+    plate = wall(tmp_path, "plate", mesh, vibration_amplitude=(0.0, 0.0, 2e-3), vibration_frequency=5.0, start=0.1)
+    # the border is where the bead lies on the plate
+    low, high = (-0.05, -0.05, D6.diameter / 2 - 1e-4), (0.05, 0.05, 0.05)
+    rig = CustomRig({"plate": plate}, single(0.0, D6.diameter / 2), low=low, high=high, duration=0.6, interval=2e-3)
+    frames = [
+        Frame(0.1 * k, np.array([0]), np.array([[0.0, 0.0, z]]), np.zeros((1, 3)))
+        for k, z in enumerate((0.01, 0.0, 0.01, 0.0, 0.01))
+    ]
+    for course in (run_of(rig, 1), custom.replayed(rig, D6, frames, asked=1, placed=1)):
+        assert course.discharged[0] + course.escaped[0] == 1
+        assert course.series[0].value[-1] == 0
+
+
+def test_the_domain_holds_a_blade_however_fast_it_turns(tmp_path):
+    blade = quad((-100, -1, 0), (100, -1, 0), (100, 1, 0), (-100, 1, 0))
+    fast = wall(tmp_path, "blade", blade, rotation_speed=2985 * math.pi / 30, velocity=(0.0, 0.0, 0.01))
+    low, high = custom.domain_of(CustomRig({"blade": fast}, single(0.0, 0.01)), D6)
+    margin = custom.MARGIN * D6.diameter
+    assert low[:2] == pytest.approx([-0.1 - margin] * 2, rel=1e-3)
+    assert high == pytest.approx([0.1 + margin, 0.1 + margin, 0.02 + margin], rel=0.02)
+
+
+def test_a_wall_that_enters_a_stated_domain_later_is_not_refused(tmp_path):
+    pusher = wall(tmp_path, "pusher", floor(10.0, 150.0), velocity=(0.0, 0.0, -1.0), stop=0.1)
+    rig = box_rig(tmp_path, {"pusher": pusher}, low=(-0.03, -0.03, -0.01), high=(0.03, 0.03, 0.1))
+    custom.check(rig, D6, count=1)
+    still = {**rig.walls, "pusher": replace(pusher, velocity=(0.0, 0.0, 0.0), stop=None)}
+    with pytest.raises(BadInput, match=r"walls\.pusher: lies outside the domain"):
+        custom.check(replace(rig, walls=still), D6, count=1)

@@ -67,7 +67,6 @@ def test_a_rig_is_read_in_si_units(lab):
 @pytest.mark.parametrize(
     ("old", "new", "line", "words"),
     [
-        ('stl = "cup.stl"', 'stl = "cup.stl"\nstl_unit = "um"', 9, r"0.06 mm long in all.*'um'.*D6 has 6.2 mm; state"),
         ('stl = "cup.stl"', 'stl = "cup.stl"\nstl_unit = "m"', 9, "60 m long with stl_unit = 'm', more than 10 m"),
         ('stl = "cup.stl"', 'stl = "other.stl"', 8, "no such file"),
         ('stl = "cup.stl"', 'stl = "../cup.stl"', 8, "lies outside the lab's folder"),
@@ -78,6 +77,12 @@ def test_a_rig_is_read_in_si_units(lab):
         ('stop = "1 s"', 'stop = "0.2 s"', 17, "0.2 s, not after start"),
         ('total_mass = "7.1 g"', 'total_mass = "7.1 g"\ncount = 5', 4, "count is given too"),
         ('total_mass = "7.1 g"\n', "", 1, "count: this key is missing"),
+        (
+            'total_mass = "7.1 g"',
+            'total_mass = "90 t"',
+            4,
+            r"that of \d+ particles, more than the 10000000 that a twin",
+        ),
         ('total_mass = "7.1 g"', 'total_mass = "1 mg"', 4, "less than half the mass of one particle"),
         ('total_mass = "7.1 g"', 'total_mass = "7.1 g"\nlow = [0, 0, 0]', 5, "high is not given; give both"),
         ('total_mass = "7.1 g"', 'total_mass = "7.1 g"\npour_speed = "1 m/s"', 5, "belongs to pour_rate"),
@@ -106,6 +111,34 @@ def test_a_wall_of_a_thousand_diameters_is_noted_and_not_refused(lab):
     )
     [note] = read_own_rig(lab).notes
     assert note == "wall cup is 600 mm long with stl_unit = 'cm', and the particle grit has 0.5 mm: check the unit"
+
+
+def test_a_wall_shorter_than_a_particle_is_noted_and_not_refused(lab):
+    changed(lab, 'stl = "cup.stl"', 'stl = "cup.stl"\nstl_unit = "um"')
+    [note] = read_own_rig(lab).notes
+    assert note == "wall cup is 0.06 mm long with stl_unit = 'um', and the particle D6 has 6.2 mm: check the unit"
+
+
+def test_nothing_of_an_allowed_file_outside_the_folder_is_quoted(lab, tmp_path_factory):
+    other = tmp_path_factory.mktemp("other") / "secret.stl"
+    other.write_text("solid secret\nfacet normal 0 0 1\nouter loop\nvertex 31415 0 0\n")
+    changed(lab, 'stl = "cup.stl"', f'stl = "{other}"')
+    with pytest.raises(BadLabFile, match=r"nothing of it is quoted here"):
+        read_own_rig(lab, allow_outside=True)
+    walls = {"wall": {"stl": str(other)}}
+    fill = {"low": [0, 0, 0], "high": [1, 1, 1]}
+    with pytest.raises(BadInput, match="ends within facet 1: it is cut off"):
+        rig_of_keys({"walls": walls, "fill": fill, "count": 3})
+
+
+def test_faults_of_options_are_said_of_the_option_and_not_of_the_file(lab, capfd, monkeypatch):
+    monkeypatch.chdir(lab)
+    assert "--fill: is 0 mm along x, not above low" in refused(capfd, "lab.toml", "--fill=0,0,0..0,0,0")
+    assert "--region: is 0 mm along x, not above low" in refused(capfd, "lab.toml", "--region=0,0,0..0,0,0")
+    assert "--particle: there is no particle 'D7'" in refused(capfd, "lab.toml", "--particle", "D7")
+    assert "--fill: " in refused(capfd, "--stl", "cup.stl", "--fill=0,0,a..1,1,1")
+    changed(lab, 'high = ["20 mm", "20 mm", "60 mm"] }', 'high = ["20 mm", "-30 mm", "60 mm"] }')
+    assert "line 5: " in refused(capfd, "lab.toml", "--count", "3")
 
 
 def test_a_file_with_several_rigs_asks_which(lab):
@@ -149,7 +182,7 @@ def test_keys_alone_make_a_rig(lab):
     fill = {"low": ["-2 cm", "-2 cm", "0"], "high": ["2 cm", "2 cm", "5 cm"]}
     own = rig_of_keys({"walls": walls, "fill": fill, "count": 3})
     assert (own.count, own.particle.name, own.wall) == (3, "D6", "steel")
-    with pytest.raises(BadInput, match=r"fill\.high: is -20 mm along x, not above low"):
+    with pytest.raises(BadInput, match=r"fill: is -20 mm along x, not above low"):
         rig_of_keys({"walls": walls, "fill": {**fill, "high": ["-2 cm", "2 cm", "5 cm"]}, "count": 3})
 
 

@@ -590,6 +590,13 @@ def test_a_belt_that_starts_later_is_refused_in_a_deck(tmp_path):
         replace(made, rig=replace(made.rig, walls=walls)).files()
 
 
+def test_walls_that_would_have_one_name_in_a_deck_are_refused(tmp_path):
+    made = own_deck(tmp_path)
+    walls = {**made.rig.walls, "base_plate": made.rig.walls["base-plate"]}
+    with pytest.raises(BadInput, match=r"walls\.base_plate: has the name of walls\.base-plate in a deck"):
+        replace(made, rig=replace(made.rig, walls=walls)).files()
+
+
 def test_what_finds_no_room_at_once_is_refused_in_a_deck(tmp_path):
     with pytest.raises(BadInput, match=r"do not fit in; at most \d+ find room. A deck places all at once: give a pour"):
         own_deck(tmp_path, count=2000).files()
