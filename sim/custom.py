@@ -23,6 +23,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.hopper import steady_flow
 from rigtwin.sim.output.outline import surface, surface_over
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History
@@ -43,7 +44,6 @@ MARGIN = 2  # [diameters], of the domain beyond walls and fill where none is sta
 POSES = 200  # of a turning wall, at most a turn: they miss 1/8000 of its radius, far less than the margin
 DRAWN = 64  # places that are compared with the walls at once, which takes hardly longer than one
 ACROSS = 100  # points across a region over which the height of the bed is averaged
-STEADY = (0.2, 0.8)  # share of the discharged mass between which the flow counts as steady
 FEWEST = 5  # looks from which a flow is read
 WHOLE = "domain"  # name of the region that is looked at where none is stated
 
@@ -478,22 +478,6 @@ def bed_height(region: Region, centres: Array, radii: Array) -> float:
     return float(surface_over(sides[0], sides[1], raised, radii).mean())
 
 
-def flow(times: Array, discharged: Array) -> float | None:
-    """Mass flow [kg/s] of the middle 60 % of a discharge: slope of a line through its mass [kg] over time [s].
-
-    None where fewer than five looks show it.
-
-    >>> times = np.arange(100) * 0.01
-    >>> round(flow(times, 0.2 * times) or 0.0, 9)
-    0.2
-    """
-    low, high = (share * discharged[-1] for share in STEADY)
-    middle = (discharged > low) & (discharged < high)
-    if discharged[-1] <= 0 or middle.sum() < FEWEST:
-        return None
-    return float(np.polyfit(times[middle], discharged[middle], 1)[0])
-
-
 def assumptions_of(rig: CustomRig, particle: Particle) -> dict[str, str]:
     """What was taken, in words."""
     domain = domain_of(rig, particle)
@@ -580,7 +564,7 @@ def _course_of(
         bed_heights=heights,
         discharged=(state.discharged, state.discharged_mass),
         escaped=(state.escaped, state.escaped_mass),
-        mass_flow_rate=flow(times, columns[-2]),
+        mass_flow_rate=steady_flow(times, columns[-2], columns[-2][-1], FEWEST),
         asked=asked,
         placed=state.placed,
         at_rest=state.at_rest,

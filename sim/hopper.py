@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 LOOK = 0.01  # [s], interval of the samples, as in the paper's simulations
 STUCK = 0.5  # [s] without a bead leaving, after which the hopper counts as blocked or empty
 STEADY = (0.2, 0.8)  # share of the beads that have left, between which the flow counts as steady
+FEWEST = 10  # beads from which a flow is read
 BELOW = 0.08  # [m], depth below a round outlet down to which beads are simulated
 # slot hopper, where the rig does not state them
 SLIDE_DROP = 0.06  # [m]
@@ -234,11 +235,12 @@ def _discharge_of(
     count = course.count
     times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
     emptied = len(times)
+    flow = steady_flow(times, np.arange(emptied), count)
     return Discharge(
         outlet_times=times,
         mass_left=_mass_left(course, particle, count),
         discharge_time=float(times[-1]) if emptied == count else None,
-        mass_flow_rate=steady_flow(times, count, particle.mean_mass),
+        mass_flow_rate=None if flow is None else flow * particle.mean_mass,
         asked=count,
         emptied=emptied,
         remaining=count - emptied,
@@ -270,18 +272,36 @@ def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArra
     return draw(discharge.centres, discharge.radii, walls=walls, turn=20.0, tilt=15.0)
 
 
-def steady_flow(outlet_times: Array, count: int, mass: float) -> float | None:
-    """Mass flow [kg/s] of the middle 60 % of `count` beads of `mass` [kg]: slope of a line through their times.
+def steady_flow(times: Array, passed: Array, total: float, fewest: int = FEWEST) -> float | None:
+    """Flow [1/s, kg/s] of the middle 60 % of a discharge: slope of a line through what has passed over time.
 
-    >>> round(steady_flow(np.arange(100) * 0.01, 100, 1e-3) or 0, 9)
-    0.1
+    Parameters
+    ----------
+    times : Array, shape (n,)
+        Rising [s].
+    passed : Array, shape (n,)
+        Particles or their mass [1, kg] that have passed the outlet before each time.
+    total : float
+        Particles or mass [1, kg] in the whole.
+    fewest : int
+        Times from which a flow is read.
+
+    Returns
+    -------
+    float or None
+        None where fewer times show it.
+
+    Examples
+    --------
+    >>> times = np.arange(100) * 0.01
+    >>> round(steady_flow(times, np.arange(100), 100) or 0, 9)
+    100.0
     """
-    first, last = (round(part * count) for part in STEADY)
-    times = outlet_times[first : min(last, len(outlet_times))]
-    if len(times) < 10 or times[-1] <= times[0]:
+    low, high = (share * total for share in STEADY)
+    middle = (passed >= low) & (passed < high)
+    if middle.sum() < fewest or np.ptp(times[middle]) <= 0:
         return None
-    order = np.arange(len(times))
-    return float(np.polyfit(times, order, 1)[0] * mass)
+    return float(np.polyfit(times[middle], passed[middle], 1)[0])
 
 
 # ---------------------------------------------------------------------- the rig

@@ -158,8 +158,8 @@ def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(broken_off, c
 
 
 def test_the_flow_rate_of_evenly_spaced_times_is_exact():
-    assert hopper.steady_flow(np.arange(200) / 50, 200, 1e-3) == pytest.approx(0.05)
-    assert hopper.steady_flow(np.arange(5) / 50, 200, 1e-3) is None
+    assert hopper.steady_flow(np.arange(200) / 50, np.arange(200), 200) == pytest.approx(50.0)
+    assert hopper.steady_flow(np.arange(5) / 50, np.arange(5), 200) is None
 
 
 @pytest.mark.parametrize(
