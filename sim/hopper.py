@@ -235,7 +235,7 @@ def _discharge_of(
     count = course.count
     times = np.sort(np.array([when for when in course.left_at if when is not None], dtype=float))
     emptied = len(times)
-    flow = steady_flow(times, np.arange(emptied), count)
+    flow = steady_flow(times, np.arange(emptied, dtype=float), count)
     return Discharge(
         outlet_times=times,
         mass_left=_mass_left(course, particle, count),
