@@ -23,11 +23,11 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.time_step import positive
-from rigtwin.sim.hopper import steady_flow
 from rigtwin.sim.output.outline import surface, surface_over
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History
 from rigtwin.sim.run.set_up import Bench, Numerics
+from rigtwin.sim.run.steady_flow import steady_flow
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.bulk import Bulk

@@ -26,6 +26,7 @@ from rigtwin.sim.output.outline import bed, outline
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History
 from rigtwin.sim.run.set_up import Bench, Numerics
+from rigtwin.sim.run.steady_flow import steady_flow
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.bulk import Bulk
@@ -37,8 +38,6 @@ if TYPE_CHECKING:
 
 LOOK = 0.01  # [s], interval of the samples, as in the paper's simulations
 STUCK = 0.5  # [s] without a bead leaving, after which the hopper counts as blocked or empty
-STEADY = (0.2, 0.8)  # share of the beads that have left, between which the flow counts as steady
-FEWEST = 10  # beads from which a flow is read
 BELOW = 0.08  # [m], depth below a round outlet down to which beads are simulated
 # slot hopper, where the rig does not state them
 SLIDE_DROP = 0.06  # [m]
@@ -270,38 +269,6 @@ def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArra
         low = walls.reshape(-1, 3).min(axis=0)
         walls = walls[walls[:, :, 2].min(axis=1) < low[2] + 3 * plan.domain[1][0]]
     return draw(discharge.centres, discharge.radii, walls=walls, turn=20.0, tilt=15.0)
-
-
-def steady_flow(times: Array, passed: Array, total: float, fewest: int = FEWEST) -> float | None:
-    """Flow [1/s, kg/s] of the middle 60 % of a discharge: slope of a line through what has passed over time.
-
-    Parameters
-    ----------
-    times : Array, shape (n,)
-        Rising [s].
-    passed : Array, shape (n,)
-        Particles or their mass [1, kg] that have passed the outlet before each time.
-    total : float
-        Particles or mass [1, kg] in the whole.
-    fewest : int
-        Times from which a flow is read.
-
-    Returns
-    -------
-    float or None
-        None where fewer times show it.
-
-    Examples
-    --------
-    >>> times = np.arange(100) * 0.01
-    >>> round(steady_flow(times, np.arange(100), 100) or 0, 9)
-    100.0
-    """
-    low, high = (share * total for share in STEADY)
-    middle = (passed >= low) & (passed < high)
-    if middle.sum() < fewest or np.ptp(times[middle]) <= 0:
-        return None
-    return float(np.polyfit(times[middle], passed[middle], 1)[0])
 
 
 # ---------------------------------------------------------------------- the rig

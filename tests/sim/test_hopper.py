@@ -11,6 +11,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle, clumped
 from rigtwin.lab.rigs import Hopper
 from rigtwin.sim import hopper
+from rigtwin.sim.run.steady_flow import steady_flow
 
 G = 9.81
 ASH = Material("ash", 720, 11e9, 0.44)
@@ -158,8 +159,8 @@ def test_a_broken_run_ends_with_the_bits_of_one_that_never_stopped(broken_off, c
 
 
 def test_the_flow_rate_of_evenly_spaced_times_is_exact():
-    assert hopper.steady_flow(np.arange(200) / 50, np.arange(200), 200) == pytest.approx(50.0)
-    assert hopper.steady_flow(np.arange(5) / 50, np.arange(5), 200) is None
+    assert steady_flow(np.arange(200) / 50, np.arange(200), 200) == pytest.approx(50.0)
+    assert steady_flow(np.arange(5) / 50, np.arange(5), 200) is None
 
 
 @pytest.mark.parametrize(
