@@ -198,12 +198,24 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
     if count < 1:
         raise BadInput(f"count: {count} particles fill no rig; give at least 1.")
     low, high = domain_of(rig, particle)
-    for name, wall in rig.walls.items():
-        reached = poses(rig, wall)
+    parts = {
+        **{
+            f"walls.{name}": (poses(rig, wall), "check stl_unit, and the axes of the STL file")
+            for name, wall in rig.walls.items()
+        },
+        **{
+            f"regions.{name}": (
+                np.array([region.low, region.high]),
+                "give a larger domain (low, high), or another region",
+            )
+            for name, region in rig.regions.items()
+        },
+    }
+    for name, (reached, advice) in parts.items():
         if not (reached.min(axis=0) < high).all() or not (reached.max(axis=0) > low).all():
             raise BadInput(
-                f"walls.{name}: lies outside the domain: it is {_box(reached)}, and the domain is "
-                f"{_box(np.array([low, high]))}; check stl_unit, and the axes of the STL file."
+                f"{name}: lies outside the domain: it is {_box(reached)}, and the domain is "
+                f"{_box(np.array([low, high]))}; {advice}."
             )
     fill = np.array([rig.fill.low, rig.fill.high])
     if not (fill[0] >= low).all() or not (fill[1] <= high).all():

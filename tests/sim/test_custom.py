@@ -214,6 +214,10 @@ def test_the_height_of_a_bed_is_that_of_its_uppermost_beads_above_the_floor_of_t
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
+        (
+            {"regions": {"below": Region((-0.02, -0.02, -0.2), (0.02, 0.02, -0.1))}},
+            r"regions\.below: lies outside the domain.*give a larger domain",
+        ),
         ({"low": (0.5, 0.5, 0.5), "high": (0.6, 0.6, 0.6)}, r"walls\.cup: lies outside the domain.*check stl_unit"),
         ({"low": (-0.03, -0.03, -0.01), "high": (0.03, 0.03, 0.04)}, "fill: is x -18 to 18 mm"),
         ({"interval": -1.0}, "interval"),
