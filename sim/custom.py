@@ -198,19 +198,9 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
     if count < 1:
         raise BadInput(f"count: {count} particles fill no rig; give at least 1.")
     low, high = domain_of(rig, particle)
-    parts = {
-        **{
-            f"walls.{name}": (poses(rig, wall), "check stl_unit, and the axes of the STL file")
-            for name, wall in rig.walls.items()
-        },
-        **{
-            f"regions.{name}": (
-                np.array([region.low, region.high]),
-                "give a larger domain (low, high), or another region",
-            )
-            for name, region in rig.regions.items()
-        },
-    }
+    walled, wider = "check stl_unit, and the axes of the STL file", "give a larger domain (low, high), or another region"
+    parts = {f"walls.{name}": (poses(rig, wall), walled) for name, wall in rig.walls.items()}
+    parts |= {f"regions.{name}": (np.array([one.low, one.high]), wider) for name, one in rig.regions.items()}
     for name, (reached, advice) in parts.items():
         if not (reached.min(axis=0) < high).all() or not (reached.max(axis=0) > low).all():
             raise BadInput(
