@@ -198,7 +198,7 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
     if count < 1:
         raise BadInput(f"count: {count} particles fill no rig; give at least 1.")
     low, high = domain_of(rig, particle)
-    walled, wider = "check stl_unit, and the axes of the STL file", "give a larger domain (low, high), or another region"
+    walled, wider = "check stl_unit, and the axes of the STL file", "give a larger domain (low, high)"
     parts = {f"walls.{name}": (poses(rig, wall), walled) for name, wall in rig.walls.items()}
     parts |= {f"regions.{name}": (np.array([one.low, one.high]), wider) for name, one in rig.regions.items()}
     for name, (reached, advice) in parts.items():
