@@ -26,7 +26,9 @@ from rigtwin.commands.options import (
     quantity,
 )
 from rigtwin.commands.run_command import Work, simulated
+from rigtwin.lab.custom_rig import End
 from rigtwin.lab.rigs import UPSIDE_DOWN
+from rigtwin.lab.stl import StlUnit
 from rigtwin.lab.units import MOST_PARTICLES
 
 if TYPE_CHECKING:
@@ -615,9 +617,7 @@ def simulate_custom(
         list[Path] | None,
         typer.Option("--stl", metavar="FILE", help="In place of a rig of LAB: a wall at rest; may be repeated."),
     ] = None,
-    stl_unit: Annotated[
-        Literal["mm", "cm", "m", "um", "inch"] | None, typer.Option(help="In which --stl is; mm.", show_default=False)
-    ] = None,
+    stl_unit: Annotated[StlUnit | None, typer.Option(help="In which --stl is; mm.", show_default=False)] = None,
     fill: Annotated[
         Any,
         option(
@@ -649,7 +649,7 @@ def simulate_custom(
         float | None, quantity("--duration", "time", "2s", "Longest simulated time, in place of the rig's; 2 s.")
     ] = None,
     end: Annotated[
-        Literal["time", "at rest", "empty"] | None,
+        End | None,
         typer.Option(help="End early: as all particles rest, or as all have left; with --stl at rest."),
     ] = None,
     allow_outside: Outside = False,

@@ -5,6 +5,7 @@ Lengths in metres, times in seconds from the start of the run, angles in radians
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -47,8 +48,17 @@ class StlWall:
     @property
     def moves(self) -> bool:
         """Whether it moves at any time."""
-        vibrates = self.vibration_frequency != 0 and any(self.vibration_amplitude)
-        return vibrates or self.rotation_speed != 0 or any(self.velocity)
+        return self.vibrates or self.rotation_speed != 0 or any(self.velocity)
+
+    @property
+    def vibrates(self) -> bool:
+        """Whether it vibrates at any time."""
+        return self.vibration_frequency != 0 and any(self.vibration_amplitude)
+
+    @property
+    def moves_until(self) -> float:
+        """Time [s] of the end of its motion, by a stop or by its removal; infinite where there is none."""
+        return min(math.inf if when is None else when for when in (self.stop, self.removed))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.input_files import decoding, read_bytes
@@ -13,7 +13,14 @@ from rigtwin.lab.input_files import decoding, read_bytes
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
-STL_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6, "inch": 0.0254}  # [m], of the numbers in an STL file
+StlUnit = Literal["mm", "cm", "m", "um", "inch"]
+STL_UNITS: dict[StlUnit, float] = {
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "m": 1.0,
+    "um": 1e-6,
+    "inch": 0.0254,
+}  # [m], of the numbers in an STL file
 LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
 MOST_FACETS = 100_000  # scans are simplified before; a clump of spheres takes about 10 s with so many
 CUT = 200  # [bytes], in which the end of a facet and the first words of another stand

@@ -1,6 +1,6 @@
 """Simulation of a rig of the user's own: particles among walls from STL files, at rest or in motion.
 
-The same looks at the particles, `interval` apart, are taken of rigtwin's own run and of one that another code computed.
+Every `interval` the particles are counted, in rigtwin's own runs and in those that another code computed alike.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Course:
 
     series: tuple[Series, ...]  # particles and mass in each region, discharged mass and kinetic energy over time
     inside: dict[str, tuple[int, float]]  # at the end, by region: particles, mass [kg]
-    bed_heights: dict[str, float]  # [m], at the end, by region: mean height of the uppermost particles above its floor
+    bed_heights: dict[str, float]  # [m], at the end, by stated region: mean height of the uppermost particles
     discharged: tuple[int, float]  # particles and mass [kg] that left through the lower side of the domain
     escaped: tuple[int, float]  # the same through another side
     mass_flow_rate: float | None  # [kg/s], of the discharge, its steady part; None where there is none
@@ -291,8 +291,7 @@ def poses(rig: CustomRig, wall: StlWall) -> Array:
     corners, motion = corners_of(wall).reshape(-1, 3), motion_of(wall)
     if motion is None or wall.belt:
         return corners
-    until = min(rig.duration, motion.stop, math.inf if wall.removed is None else wall.removed)
-    lasts = max(until - motion.start, 0.0)
+    lasts = max(min(rig.duration, wall.moves_until) - motion.start, 0.0)
     turns = min(lasts, 2 * math.pi / abs(motion.spin)) if motion.spin else 0.0
     in_place = replace(motion, velocity=(0.0, 0.0, 0.0), amplitude=(0.0, 0.0, 0.0))
     hull = np.array(np.meshgrid(*np.array([corners.min(0), corners.max(0)]).T)).reshape(3, -1).T
@@ -395,8 +394,7 @@ def still_to_come(rig: CustomRig, time: float) -> bool:
 
 
 def _shakes(wall: StlWall, time: float) -> bool:
-    until = min(math.inf if when is None else when for when in (wall.stop, wall.removed))
-    return wall.vibration_frequency != 0 and any(wall.vibration_amplitude) and wall.start <= time < until
+    return wall.vibrates and wall.start <= time < wall.moves_until
 
 
 @dataclass(kw_only=True)
@@ -535,7 +533,7 @@ def _course_of(
     owner = beads.ident if beads.grain is None else beads.grain
     there = np.isin(owner, grains.ident)
     heights = {}
-    for name, region in regions.items():
+    for name, region in rig.regions.items():
         spheres = np.isin(owner, grains.ident[inside[name]])
         heights[name] = bed_height(region, beads.position[spheres], beads.radius[spheres])
     said = list(warnings)

@@ -21,7 +21,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from rigtwin.lab import camera
-from rigtwin.lab.custom_rig import DURATION, INTERVAL
+from rigtwin.lab.custom_rig import DURATION, INTERVAL, End
 from rigtwin.lab.drum_flow import FILL
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
@@ -39,6 +39,7 @@ from rigtwin.lab.rigs import (
     RigSettings,
     Tilt,
 )
+from rigtwin.lab.stl import StlUnit
 from rigtwin.lab.stl_grain import MOST_SPHERES, STL_SPHERES
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
 from rigtwin.lab.tracked.table import TableOptions
@@ -401,7 +402,6 @@ Flank = camera.Flank
 Board = Annotated[camera.Board, _edge(_board)]
 Views = Annotated[list[str], _edge(_views)]
 Name = Annotated[str, Field(min_length=1)]
-StlUnit = Literal["mm", "cm", "m", "um", "inch"]
 Vector = tuple[float, float, float]
 LOW: list[Any] = ["-30 mm", "-30 mm", "50 mm"]
 HIGH: list[Any] = ["30 mm", "30 mm", "120 mm"]
@@ -584,7 +584,7 @@ class CustomRigEntry(_Entry):
     )
     pour_speed: Fall = Field(default=0.0, examples=["0.2 m/s"], description="downwards, of particles with a pour_rate")
     duration: Span = Field(default=DURATION, examples=["2 s"], description="simulated time, at most")
-    end: Literal["time", "at rest", "empty"] = Field(
+    end: End = Field(
         default="time",
         description='"at rest": ends as all rest and no wall is to move or be removed; "empty": as all have left',
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.custom_rig import CustomRig, StlWall
+from rigtwin.lab.custom_rig import CustomRig, End, StlWall
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.rigs import GRAVITY, Drum, Hopper, Packing, Pile
@@ -117,7 +117,7 @@ class Watch:
 
     limit: float  # [s]
     interval: float  # [s]
-    end: str  # "time", or before: "at rest" as all beads rest, "empty" as none is left
+    end: End  # "time", or before: "at rest" as all beads rest, "empty" as none is left
 
 
 Stage = Pour | Settle | Open | Lift | Turn | Drain | Timeline | Watch

@@ -250,7 +250,7 @@ def test_only_particles_that_are_used_are_made(tmp_path, monkeypatch):
     assert lab.stl_files == lab.notes == ()
     assert set(read_cast(tmp_path, "own").particles) == {"own"}
     assert made == []
-    # keys of one that is not used are checked all the same
+    # the keys of a particle are checked even where nothing uses it
     (tmp_path / "lab.toml").write_text(MATERIAL + entries.replace('stl = "s.stl"', "stl_error = 1") + EXPERIMENT)
     with pytest.raises(BadLabFile, match=r"2 faults|belongs to an STL file"):
         read_lab(tmp_path)
