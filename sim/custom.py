@@ -501,7 +501,7 @@ def motion_in_words(wall: StlWall) -> str:
     if wall.rotation_speed:
         axis, point = (", ".join(f"{v:.4g}" for v in one) for one in (wall.rotation_axis, wall.rotation_point))
         said.append(f"turns at {wall.rotation_speed:.4g} rad/s about ({axis}) through ({point}) m")
-    if wall.vibration_frequency:
+    if wall.vibrates:
         sway = ", ".join(f"{1e3 * v:.4g}" for v in wall.vibration_amplitude)
         said.append(f"vibrates by ({sway}) mm at {wall.vibration_frequency:.4g} Hz")
     until = "the end" if wall.stop is None else f"{wall.stop:g} s"

@@ -130,7 +130,7 @@ def _motions(wall: StlWall) -> list[str]:
     found = []
     if any(wall.velocity):
         found.append(f"linear {commands.three(wall.velocity)}")
-    if wall.vibration_frequency:
+    if wall.vibrates:
         amplitude = commands.three(wall.vibration_amplitude)
         found.append(f"wiggle amplitude {amplitude} period {1 / wall.vibration_frequency:.10g}")
     if wall.rotation_speed:
