@@ -55,13 +55,7 @@ def show(found: Calibration, as_json: bool, quiet: bool) -> None:
     if found.fits and not found.tested:
         typer.echo("there are no more measurements than parameters, so that the fit is no test of the model")
     if not found.fits:
-        worst = found.worst
-        most = (
-            ""
-            if worst is None
-            else f"; {worst['quantity']} of {worst['experiment']} is {abs(worst['z']):.1f} standard deviations off"
-        )
-        typer.echo(f"{found.no_fit}{most}")
+        typer.echo(found.no_fit)
     for remark in found.remarks:
         typer.echo(f"warning: {remark}")
     typer.echo(f"{found.runs} runs; {found.stopped}; wrote {found.files['calibration.json'].parent}")

@@ -13,6 +13,7 @@ from rigtwin.compare.campaign import emulator as emulators
 from rigtwin.compare.campaign.posterior import CONVERGED, Parameter, Target
 from rigtwin.compare.campaign.search import Search, State
 from rigtwin.compare.campaign.vary import OF_PARTICLE, of_contact
+from rigtwin.compare.report.methods_text import counted
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.model_file import Model
@@ -23,6 +24,7 @@ TIED = 0.8  # correlation from which two parameters are named as ambiguous
 WIDE = 0.2  # standard deviation over the range from which a parameter is not determined; a uniform one has 0.29
 WEAK = 0.02  # share of the variance of a quantity below which a parameter has no visible influence on it
 MISFIT = 0.01  # probability of the misfit below which no set fits
+FURTHEST = 3  # deviations named where no set fits
 
 
 @dataclass(frozen=True)
@@ -56,12 +58,36 @@ class Calibration:
 
     @property
     def no_fit(self) -> str:
-        """What it means where no set fits."""
+        """What it means where no set fits, and what is furthest off."""
         square, probability = self.misfit
+        known = sum(one.mean is not None for one in self.parameters)
+        beside = f" and {counted(known, 'value')} known beforehand" if known else ""
+        furthest = f"; furthest off: {'; '.join(self._furthest)}" if self._furthest else ""
         return (
-            f"no set within the ranges fits (chi-square {square:.1f}, probability {probability:.2g}): a range may "
-            "be too narrow, an effect missing from the model, or a stated setting or a measurement wrong"
+            f"no set within the ranges fits (chi-square {square:.1f} of {counted(len(self.targets), 'measured number')}"
+            f"{beside}, probability {probability:.2g}): a range may be too narrow, an effect missing from the "
+            f"model, or a stated setting or a measurement wrong{furthest}"
         )
+
+    @property
+    def pulls(self) -> dict[str, float]:
+        """By how many of its standard uncertainties the best set moves each parameter that is known beforehand."""
+        return {
+            one.name: (self.best[one.name] - one.mean) / one.std
+            for one in self.parameters
+            if one.mean is not None and one.std is not None
+        }
+
+    @property
+    def _furthest(self) -> list[str]:
+        """The measured numbers and known parameters that are most standard uncertainties off, the furthest first."""
+        off = [(abs(pull), f"{name} from its value known beforehand") for name, pull in self.pulls.items()]
+        off += [
+            (abs(row["z"]), f"{row['quantity']} of {row['experiment']}")
+            for row in self.predictions
+            if row["z"] is not None and not row["held_out"]
+        ]
+        return [f"{what} ({size:.1f} standard deviations)" for size, what in sorted(off, reverse=True)[:FURTHEST]]
 
     @property
     def intervals(self) -> dict[str, dict[str, float]]:
@@ -102,12 +128,6 @@ class Calibration:
         return said
 
     @property
-    def worst(self) -> Mapping[str, Any] | None:
-        """The fitted quantity that is most standard deviations off."""
-        rows = [row for row in self.predictions if row["z"] is not None and not row["held_out"]]
-        return max(rows, key=lambda row: abs(row["z"]), default=None)
-
-    @property
     def _scaled(self) -> list[Array]:
         """The samples of each parameter in the unit interval."""
         return [one.unit(values) for one, values in zip(self.parameters, self.samples.T, strict=True)]
@@ -123,7 +143,10 @@ class Calibration:
             "best": dict(self.best),
             "intervals": self.intervals,
             "priors": {
-                one.name: {"low": one.low, "high": one.high, "mean": one.mean, "std": one.std, "source": one.source}
+                one.name: {
+                    "low": one.low, "high": one.high, "mean": one.mean, "std": one.std, "source": one.source,
+                    "pull": self.pulls.get(one.name),
+                }
                 for one in self.parameters
             },
             "correlations": self.correlations,

@@ -54,7 +54,9 @@ def _sentences(found: Calibration) -> Iterator[str]:
         "highest density. Shares of variance are first-order Sobol indices [@saltelli2010]."
     )
     square, probability = found.misfit
-    yield f"The best set has a chi-square of {square:.3g} (probability {probability:.2g})."
+    pulls = [f"{name.replace('_', ' ')} by {pull:+.2g}" for name, pull in found.pulls.items()]
+    moved = f", with {listed(pulls)} standard uncertainties from the value known beforehand" if pulls else ""
+    yield f"The best set has a chi-square of {square:.3g} (probability {probability:.2g}){moved}."
     held = dict.fromkeys(str(row["experiment"]) for row in found.predictions if row["held_out"])
     if held:
         yield f"Held out and predicted: {listed(f'`{name}`' for name in held)}."

@@ -296,6 +296,29 @@ static_friction = "0.55 +- 0.06 (n = 9)"
 
 
 @pytest.mark.usefixtures("in_this_process")
+def test_a_measured_coefficient_that_a_measured_height_contradicts_is_named(tmp_path, capsys, monkeypatch):
+    def on_the_wall(*, contacts, **_):
+        friction = next(one["static_friction"] for one in contacts if set(one["pair"]) == {"D6", "steel"})
+        height = Quantity("bed_height", 0.05 + 0.02 * friction, 1e-4, "m", "surface bead tops")
+        return {"quantities": [asdict(height)], "warnings": [], "wall_s": 0.0}
+
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", on_the_wall)
+    stated = BED + TILT.replace("0.55 +- 0.06", "0.2 +- 0.03")
+    (tmp_path / "lab.toml").write_text(stated, encoding="utf-8")
+    asked = ["calibrate", str(tmp_path), "--fit", "wall_static_friction", "--budget", "15"]
+    assert run(asked) == 0
+    said = capsys.readouterr().out
+    assert "of 1 measured number and 1 value known beforehand" in said
+    assert "wall_static_friction from its value known beforehand" in said
+    assert "no more measurements than parameters" not in said
+    assert run([*asked, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (bed,) = (one for one in found["predictions"] if one["quantity"] == "bed_height")
+    squares = bed["z"] ** 2 + found["priors"]["wall_static_friction"]["pull"] ** 2
+    assert found["chi_square"] == pytest.approx(squares, rel=0.2)
+
+
+@pytest.mark.usefixtures("in_this_process")
 def test_an_interrupted_calibration_says_what_is_kept(tmp_path, capsys, monkeypatch):
     def stopped(*_, **__):
         raise KeyboardInterrupt
