@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from rigtwin.benchmarks.diagnose.independent_labs_spheres import DIAMETER_UNCERTAINTY, MATERIALS, spheres
+from rigtwin.benchmarks.diagnose.independent_labs_spheres import DIAMETER_UNCERTAINTY, MATERIALS, distinct, spheres
 from rigtwin.benchmarks.diagnose.independent_labs_types import (
     FREE,
     GRAVITY,
@@ -117,7 +117,7 @@ def lab(rng: Rng, *, materials: tuple[str, ...] = (), control: bool = False) -> 
     beads = spheres(rng, 1, materials or tuple(MATERIALS)[2:], least=5.0)
     if control or rng.random() < 0.5:
         beads += spheres(rng, 1, tuple(MATERIALS)[3:], least=5.0)
-    beads = tuple(dict.fromkeys(beads))
+    beads = distinct(beads)
     lengths = [float(x) for x in sorted(rng.choice((0.2, 0.25, 0.3, 0.4), 1 + int(rng.integers(0, 2)), replace=False))]
     angles = [int(a) for a in sorted(rng.choice((15, 25, 40, 55), int(rng.integers(2, 4)), replace=False))]
     if len(beads) * len(lengths) * len(angles) > 8:

@@ -12,7 +12,14 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rigtwin.benchmarks.diagnose.independent_labs_spheres import DENSE, DIAMETER_UNCERTAINTY, MATERIALS, WALLS, spheres
+from rigtwin.benchmarks.diagnose.independent_labs_spheres import (
+    DENSE,
+    DIAMETER_UNCERTAINTY,
+    MATERIALS,
+    WALLS,
+    distinct,
+    spheres,
+)
 from rigtwin.benchmarks.diagnose.independent_labs_types import (
     FREE,
     GRAVITY,
@@ -99,7 +106,7 @@ def lab(rng: Rng, *, materials: tuple[str, ...] = (), control: bool = True, wet:
         if control or rng.random() < 0.5:
             beads += spheres(rng, 1, DENSE if materials else tuple(MATERIALS))
     walls = [str(w) for w in rng.permutation(list(WALLS))[: 1 if len(beads) > 1 else int(rng.integers(1, 3))]]
-    pairs = [(bead, wall) for bead in dict.fromkeys(beads) for wall in walls]
+    pairs = [(bead, wall) for bead in distinct(beads) for wall in walls]
     heights = sorted(
         rng.choice((40, 60, 80, 120) if wet else (60, 100, 150, 250, 400, 600, 900), _levels(rng, pairs), replace=False)
     )
@@ -121,7 +128,7 @@ def lab(rng: Rng, *, materials: tuple[str, ...] = (), control: bool = True, wet:
             groups = {"bead": bead.name, "pair": f"{bead.name}/{wall}"}
             conditions.append(Condition(stated, bead, repetitions, nominal, groups))
     return Lab(
-        "drop", tuple(dict.fromkeys(beads)), tuple(conditions), chances(scatter, kick), move, rate,
+        "drop", distinct(beads), tuple(conditions), chances(scatter, kick), move, rate,
         float(np.round(float(heights[-1]) * 1e-3 / rng.uniform(900, 2200) + 5e-5, 6)),
         float(np.round(rng.uniform(0.2, 0.4), 2)), _geometry(walls),
         "x right, y up, origin on the plate surface below the holder", {wall: WALLS[wall][0] for wall in walls},

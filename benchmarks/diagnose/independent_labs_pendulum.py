@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rigtwin.benchmarks.diagnose.independent_labs_spheres import DIAMETER_UNCERTAINTY, MATERIALS, spheres
+from rigtwin.benchmarks.diagnose.independent_labs_spheres import DIAMETER_UNCERTAINTY, MATERIALS, distinct, spheres
 from rigtwin.benchmarks.diagnose.independent_labs_types import (
     FREE,
     GRAVITY,
@@ -81,7 +81,7 @@ def lab(rng: Rng, *, materials: tuple[str, ...] = (), control: bool = True) -> L
     beads = spheres(rng, 1, materials or tuple(MATERIALS), least=4.0)
     if control or rng.random() < 0.5:
         beads += spheres(rng, 1, tuple(MATERIALS)[2:], least=4.0)
-    beads = tuple(dict.fromkeys(beads))
+    beads = distinct(beads)
     lengths = [float(x) for x in sorted(rng.choice((0.18, 0.25, 0.33, 0.45, 0.6), 1 + int(rng.integers(0, 2)), False))]
     angles = [int(a) for a in sorted(rng.choice((8, 15, 25, 40, 55), int(rng.integers(2, 4)), replace=False))]
     duration = float(rng.choice([3, 4, 6, 8]))

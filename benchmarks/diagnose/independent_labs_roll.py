@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from rigtwin.benchmarks.diagnose.independent_labs_spheres import DIAMETER_UNCERTAINTY, MATERIALS, WALLS, spheres
+from rigtwin.benchmarks.diagnose.independent_labs_spheres import (
+    DIAMETER_UNCERTAINTY,
+    MATERIALS,
+    WALLS,
+    distinct,
+    spheres,
+)
 from rigtwin.benchmarks.diagnose.independent_labs_types import (
     FREE,
     GRAVITY,
@@ -117,7 +123,7 @@ def lab(
         beads = spheres(rng, 1, materials or tuple(MATERIALS)[2:], least=4.0)
         if control or rng.random() < 0.4:
             beads += spheres(rng, 1, tuple(MATERIALS)[3:], least=4.0)
-        beads = tuple(dict.fromkeys(beads))
+        beads = distinct(beads)
     wall, length = str(rng.choice(list(WALLS))), round(float(rng.uniform(0.3, 0.7)), 2)
     most = 8 // len(beads) // (2 if turned else 1)
     inclines = [(float(a), 0.0) for a in sorted(rng.choice((3, 4, 6, 8, 11, 14), 3, replace=False))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rigtwin.benchmarks.diagnose.independent_labs_types import Rng, Sphere
 
@@ -53,6 +53,11 @@ def spheres(
         one = sphere(rng, materials, least=least, most=most)
         found[one.name] = one
     return tuple(found.values())
+
+
+def distinct(beads: Iterable[Sphere]) -> tuple[Sphere, ...]:
+    """One bead of each name: beads of nearly the same size share it."""
+    return tuple({bead.name: bead for bead in beads}.values())
 
 
 def wall(rng: Rng) -> str:

@@ -167,7 +167,18 @@ class _Search:
         try:
             self._add(fitting())
         except np.linalg.LinAlgError:
-            self.broken[" and ".join(term.title for term in terms)] = None
+            self._no_solution(terms)
+
+    def _completed(self, one: Candidate) -> Candidate:
+        """The candidate fitted to convergence on all data; one with singular equations there is refused."""
+        try:
+            return self._to_the_end(one)
+        except np.linalg.LinAlgError:
+            self._no_solution(one.terms)
+            return replace(one, reason="its equations have no solution for these tracks")
+
+    def _no_solution(self, terms: tuple[Effect, ...]) -> None:
+        self.broken[" and ".join(term.title for term in terms)] = None
 
     def _add(self, fitted: Fit) -> None:
         rough = fitted if self.is_part(fitted) else None
@@ -191,7 +202,7 @@ class _Search:
         while leading:
             for one in leading:
                 if (one.rough is not None or not one.fitted.converged) and (one is leading[0] or not _hopeless(one)):
-                    result[frozenset(one.names)] = self._to_the_end(one)
+                    result[frozenset(one.names)] = self._completed(one)
             best = best_of(list(result.values()))
             leading = [best] if best is not None and self.is_part(best.fitted) else []
         self.done.update(result)

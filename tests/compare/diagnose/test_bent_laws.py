@@ -135,6 +135,18 @@ def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_reported()
     assert list(search.broken) == ["air drag and non-level plate"]
 
 
+def test_a_candidate_that_has_no_solution_on_all_data_is_refused_and_reported(monkeypatch):
+    search = _Search(SimpleNamespace(), None, 1.0)
+
+    def singular(_candidate):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(search, "_to_the_end", singular)
+    one = Candidate((named("air_drag"),), SimpleNamespace(converged=False), gain=9.0)
+    assert search._completed(one).reason == "its equations have no solution for these tracks"
+    assert list(search.broken) == ["air drag"]
+
+
 @pytest.mark.parametrize(
     ("repetitions", "scatter", "lever"),
     [(2, 0.1, False), (3, 0.1, False), (2, 0.15, False), (15, 0.03, False), (15, 0.03, True)],
