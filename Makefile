@@ -30,7 +30,7 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/python benchmarks/measure/thresholds.py --check
 	$(BIN)/python benchmarks/lab_keys.py --check
-	$(BIN)/numpydoc lint api.py lab/record_figure.py measure/*/measurement.py sim/*.py sim/pile/*.py sim/run/*.py compare/*.py compare/twins/twin.py
+	$(BIN)/numpydoc lint api.py lab/record_figure.py measure/*/measurement.py sim/*.py sim/pile/*.py sim/run/*.py compare/*.py compare/campaign/*.py compare/twins/twin.py
 	$(BIN)/codespell -D docs/word_list.txt --skip "docs/word_list.txt,*.onnx" $(PLAIN)
 
 format: $(READY)
