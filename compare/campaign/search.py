@@ -304,8 +304,8 @@ class Search:
         Yields
         ------
         dict
-            For each target the measured value with its standard uncertainty, mean and standard deviation of the twins, in
-            its unit, the deviation [%], and ``z`` [1].
+            For each target the measured value with its standard uncertainty, mean and standard deviation of the twins,
+            in its unit, the deviation [%], and ``z`` [1].
         """
         best = found.best
         seeds = range(self.seed + CONFIRMING_SEED, self.seed + CONFIRMING_SEED + CONFIRMED)
