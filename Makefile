@@ -24,8 +24,8 @@ test-slow: $(READY)
 PLAIN := *.py *.md benchmarks commands compare docs lab measure review sample_media sim tests training
 
 # modules of which every public name has a numpydoc docstring ([tool.numpydoc_validation] in pyproject.toml)
-DOCUMENTED := api.py lab/*.py lab/reference/*.py lab/file/lab_file.py lab/file/model_file.py measure/*/measurement.py \
-	sim/*.py sim/pile/*.py sim/run/*.py compare/*.py compare/campaign/*.py compare/twins/twin.py
+DOCUMENTED := api.py lab/*.py lab/*/*.py measure/*/measurement.py \
+	sim/*.py sim/pile/*.py sim/run/*.py sim/output/*.py compare/*.py compare/campaign/*.py compare/twins/twin.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
