@@ -24,8 +24,10 @@ test-slow: $(READY)
 PLAIN := *.py *.md benchmarks commands compare docs lab measure review sample_media sim tests training
 
 # modules of which every public name has a numpydoc docstring ([tool.numpydoc_validation] in pyproject.toml)
-DOCUMENTED := api.py lab/*.py lab/*/*.py measure/*/measurement.py \
-	sim/*.py sim/pile/*.py sim/run/*.py sim/output/*.py compare/*.py compare/campaign/*.py compare/twins/twin.py
+DOCUMENTED := api.py lab/*.py lab/*/*.py measure/*/measurement.py sim/*.py sim/pile/*.py sim/run/*.py sim/output/*.py \
+	$(addprefix sim/,effects/__init__.py effects/effect.py effects/validate.py engine/time_step.py) \
+	compare/*.py compare/campaign/*.py compare/diagnose/*.py compare/diagnose/bulk/diagnose_bulk.py \
+	$(patsubst %,compare/twins/%.py,by_name custom imported matched registry rig_entry run_warnings twin)
 
 lint: $(READY)
 	$(BIN)/ruff check .
