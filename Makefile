@@ -25,8 +25,8 @@ PLAIN := *.py *.md benchmarks commands compare docs lab measure review sample_me
 
 # modules of which every public name has a numpydoc docstring ([tool.numpydoc_validation] in pyproject.toml)
 DOCUMENTED := api.py lab/*.py lab/*/*.py measure/*/measurement.py sim/*.py sim/pile/*.py sim/run/*.py sim/output/*.py \
-	$(addprefix sim/,effects/__init__.py effects/effect.py effects/validate.py engine/time_step.py) \
-	compare/*.py compare/campaign/*.py compare/diagnose/*.py compare/diagnose/bulk/diagnose_bulk.py \
+	sim/decks/*.py $(addprefix sim/,effects/__init__.py effects/effect.py effects/validate.py engine/time_step.py) \
+	compare/*.py compare/campaign/*.py compare/diagnose/*.py compare/diagnose/bulk/diagnose_bulk.py compare/report/*.py \
 	$(patsubst %,compare/twins/%.py,by_name custom imported matched registry rig_entry run_warnings twin)
 
 lint: $(READY)
