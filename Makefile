@@ -23,6 +23,12 @@ test-slow: $(READY)
 # what is checked for the words to avoid (docs/word_list.txt)
 PLAIN := *.py *.md benchmarks commands compare docs lab measure review sample_media sim tests training
 
+# modules of which every public name has a numpydoc docstring ([tool.numpydoc_validation] in pyproject.toml)
+DOCUMENTED := api.py lab/*.py lab/*/*.py measure/*/measurement.py sim/*.py sim/pile/*.py sim/run/*.py sim/output/*.py \
+	sim/decks/*.py $(addprefix sim/,effects/__init__.py effects/effect.py effects/validate.py engine/time_step.py) \
+	compare/*.py compare/campaign/*.py compare/diagnose/*.py compare/diagnose/bulk/diagnose_bulk.py compare/report/*.py \
+	$(patsubst %,compare/twins/%.py,by_name custom imported matched registry rig_entry run_warnings twin)
+
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -30,7 +36,7 @@ lint: $(READY)
 	$(BIN)/mypy
 	$(BIN)/python benchmarks/measure/thresholds.py --check
 	$(BIN)/python benchmarks/lab_keys.py --check
-	$(BIN)/numpydoc lint api.py lab/record_figure.py measure/*/measurement.py
+	$(BIN)/numpydoc lint $(DOCUMENTED)
 	$(BIN)/codespell -D docs/word_list.txt --skip "docs/word_list.txt,*.onnx" $(PLAIN)
 
 format: $(READY)

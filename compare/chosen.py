@@ -11,7 +11,25 @@ from rigtwin.lab.reference.repetition_scatter import Scatter, published_scatter
 
 
 def chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
-    """The experiments with these names, or all.  Raises `BadInput` for a name that the lab does not have."""
+    """Return the experiments with these names, or all.
+
+    Parameters
+    ----------
+    lab : Lab
+        The lab.
+    only : sequence of str or None
+        Names of experiments; None or empty: all.
+
+    Returns
+    -------
+    tuple of Experiment
+        In the order of the lab file.
+
+    Raises
+    ------
+    BadInput
+        If the lab does not have one of the names.
+    """
     if not only:
         return lab.experiments
     known = [experiment.id for experiment in lab.experiments]
@@ -22,5 +40,18 @@ def chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
 
 
 def known_scatter(experiment: Experiment, quantity: str) -> Scatter:
-    """The scatter of a quantity from repetition to repetition: as lab.toml states it, else as published."""
+    """Return the scatter of a quantity from repetition to repetition: as lab.toml states it, else as published.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+    quantity : str
+        Name of the quantity.
+
+    Returns
+    -------
+    Scatter
+        Relative standard deviation [1], and how well it is known.
+    """
     return experiment.scatter.get(quantity) or published_scatter(experiment.rig_name, quantity)

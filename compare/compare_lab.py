@@ -327,7 +327,18 @@ def _note_of_kept(folder: Path, experiments: Sequence[Experiment]) -> Iterator[N
 
 
 def observations(comparison: Comparison) -> list[dict[str, Any]]:
-    """Rows of ``observations.csv``: every quantity of every repetition, measured and simulated."""
+    """Return the rows of ``observations.csv``: every quantity of every repetition, measured and simulated.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+
+    Returns
+    -------
+    list of dict
+        One row each, with `rigtwin.compare.result_files.OBSERVATION_COLUMNS`.
+    """
     rows = []
     for outcome in comparison.outcomes:
         name, rig = outcome.experiment.id, outcome.experiment.rig_name
@@ -342,7 +353,20 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
 
 
 def provenance(comparison: Comparison, figures: Sequence[FigureFile] = ()) -> dict[str, Any]:
-    """Content of provenance.json: versions, inputs with checksums, model, twins, cameras and figures."""
+    """Return the content of ``provenance.json``: versions, inputs with checksums, model, twins, cameras and figures.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+    figures : sequence of FigureFile
+        The figures of its page.
+
+    Returns
+    -------
+    dict
+        The content.
+    """
     lab = comparison.lab
     media = [view for outcome in comparison.outcomes for views in outcome.experiment.repetitions for view in views]
     return {

@@ -64,7 +64,18 @@ class Overlay:
         return high > low and math.isfinite(self.distance)
 
     def mean(self, curves: Sequence[Curve]) -> Curve:
-        """Mean over `curves` on the common axis."""
+        """Return the mean over curves on the common axis.
+
+        Parameters
+        ----------
+        curves : sequence of Curve
+            The curves, in the units of the overlay.
+
+        Returns
+        -------
+        Curve
+            The mean at `GRID` points of `span`; NaN where no curve is known.
+        """
         x = np.linspace(*self.span, GRID)
         rows = np.array([_at(curve, x) for curve in curves])
         known = np.isfinite(rows)
@@ -83,14 +94,36 @@ class Overlay:
         return float(np.mean(_finite(self.mean(self.simulated).y - self.mean(self.measured).y)))
 
     def scatter(self, curves: Sequence[Curve]) -> float | None:
-        """Root mean square of single curves about their mean [`unit`]; None for a single one."""
+        """Return the root mean square of single curves about their mean.
+
+        Parameters
+        ----------
+        curves : sequence of Curve
+            The curves, in the units of the overlay.
+
+        Returns
+        -------
+        float or None
+            Root mean square [`unit`]; None for a single curve.
+        """
         if len(curves) < 2:
             return None
         mean = self.mean(curves)
         return _rms(np.concatenate([_at(curve, mean.x) - mean.y for curve in curves]))
 
     def row(self, experiment: str) -> dict[str, Any]:
-        """A row of the table of shapes."""
+        """Return a row of the table of shapes.
+
+        Parameters
+        ----------
+        experiment : str
+            Name of the experiment.
+
+        Returns
+        -------
+        dict
+            The cells by column, lengths in the unit of the overlay.
+        """
         return {
             "experiment": experiment,
             "shape": self.what,
@@ -106,7 +139,18 @@ class Overlay:
 
 
 def comparable(found: Iterable[Overlay]) -> tuple[Overlay, ...]:
-    """The overlays that have both sides, with a range of x in which both are known."""
+    """Return the overlays that have both sides, with a range of x in which both are known.
+
+    Parameters
+    ----------
+    found : iterable of Overlay
+        The overlays.
+
+    Returns
+    -------
+    tuple of Overlay
+        In their order.
+    """
     return tuple(shape for shape in found if shape.measured and shape.simulated and shape.meet)
 
 
@@ -115,7 +159,22 @@ def comparable(found: Iterable[Overlay]) -> tuple[Overlay, ...]:
 
 
 def height_over_time(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
-    """Height of a bead of diameter `bead` [m], from its first contact."""
+    """Overlay the height of a bead [mm] over the time from its first contact [s].
+
+    Parameters
+    ----------
+    measured : sequence of Measurement
+        Measurements of an experiment; those without a track are left out.
+    twins : sequence of Twin
+        Runs of its twin, likewise.
+    bead : float
+        Diameter of the bead [m].
+
+    Yields
+    ------
+    Overlay
+        One, which may have empty sides.
+    """
 
     def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
         return tuple(_since_contact(one.tracks[0]) for one in side if one.tracks)
@@ -134,7 +193,22 @@ def height_over_time(measured: Sequence[Measurement], twins: Sequence[Any], bead
 def angles_over_time(
     measured: Sequence[Measurement], twins: Sequence[Any], length: float, bead: float
 ) -> Iterable[Overlay]:
-    """Angle of each bead of a pendulum of this `length` [m], from the collision; `bead` is the diameter [m]."""
+    """Overlay the angle of each bead of a pendulum [deg] over the time from the collision [s].
+
+    Parameters
+    ----------
+    measured, twins : sequence of Measurement, sequence of Twin
+        As for `height_over_time`.
+    length : float
+        From the pivot to the centre of the bead [m].
+    bead : float
+        Diameter of the beads [m].
+
+    Yields
+    ------
+    Overlay
+        One for each bead that both sides have.
+    """
     sides = [[_angles(one.tracks, length, bead) for one in side if one.tracks] for side in (measured, twins)]
     for number, body in enumerate("AB"):
         mine, theirs = (tuple(angles[number] for angles in side if len(angles) > number) for side in sides)
@@ -150,7 +224,20 @@ def angles_over_time(
 
 
 def way_over_angle(measured: Sequence[Measurement], twins: Sequence[Any], bead: float) -> Iterable[Overlay]:
-    """Displacement of a body of diameter `bead` [m] down a plate, over the plate's angle."""
+    """Overlay the displacement of a body down a plate [mm] over the angle of the plate [deg].
+
+    Parameters
+    ----------
+    measured, twins : sequence of Measurement, sequence of Twin
+        As for `height_over_time`; they need a series of the angle, too.
+    bead : float
+        Diameter of the body [m].
+
+    Yields
+    ------
+    Overlay
+        One, which may have empty sides.
+    """
 
     def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
         return tuple(_down_the_plate(one.series[0], one.tracks[0]) for one in side if one.series and one.tracks)
@@ -167,7 +254,18 @@ def way_over_angle(measured: Sequence[Measurement], twins: Sequence[Any], bead: 
 
 
 def share_left_over_time(measured: Sequence[Measurement], twins: Sequence[Any]) -> Iterable[Overlay]:
-    """Share of the filling that is left, from the opening."""
+    """Overlay the share of the filling that is left in a hopper [%] over the time from the opening [s].
+
+    Parameters
+    ----------
+    measured, twins : sequence of Measurement, sequence of Twin
+        Measurements of an experiment and runs of its twin; those without a series are left out.
+
+    Yields
+    ------
+    Overlay
+        One, which may have empty sides.
+    """
 
     def share(left: Series, opened: float) -> Curve:
         return Curve(left.time - opened, 100 * left.value / float(np.nanmax(left.value)))
@@ -185,7 +283,24 @@ def share_left_over_time(measured: Sequence[Measurement], twins: Sequence[Any]) 
 def mean_surface(
     measured: Sequence[Measurement], twins: Sequence[Any], diameter: float, bead: float
 ) -> Iterable[Overlay]:
-    """Mean surface in a drum of this `diameter` [m]; `bead` is the beads' [m]."""
+    """Overlay the mean surface of the steady bed in a drum: height over distance from the axis [mm].
+
+    The later half of the profiles of each run is averaged; a surface that rises to the right is mirrored.
+
+    Parameters
+    ----------
+    measured, twins : sequence of Measurement, sequence of Twin
+        Measurements of an experiment and runs of its twin; those without profiles are left out.
+    diameter : float
+        Diameter of the drum [m].
+    bead : float
+        Diameter of the beads [m].
+
+    Yields
+    ------
+    Overlay
+        One, which may have empty sides.
+    """
     reach = INSIDE * diameter / 2
 
     def steady(profiles: Sequence[Profile]) -> Curve:
@@ -215,7 +330,24 @@ def mean_surface(
 def outlines(
     what: str, measured: Sequence[Measurement], twins: Sequence[Any], bead: float, width: float | None = None
 ) -> Iterable[Overlay]:
-    """Outlines about their middle; `bead` [m] is the beads' diameter, `width` [m] that of a vessel around them."""
+    """Overlay outlines about their middle: height over distance from it [mm].
+
+    Parameters
+    ----------
+    what : str
+        Name of the overlay.
+    measured, twins : sequence of Measurement, sequence of Twin
+        Measurements of an experiment and runs of its twin, each with any number of profiles.
+    bead : float
+        Diameter of the beads [m].
+    width : float, optional
+        Diameter of a vessel around them [m]; the outermost 5 % are then left out.
+
+    Yields
+    ------
+    Overlay
+        One, which may have empty sides.
+    """
 
     def curves(side: Sequence[Any]) -> tuple[Curve, ...]:
         found = [_in_mm(_centred(profile)) for one in side for profile in one.profiles]
@@ -290,7 +422,18 @@ def _centred(profile: Profile) -> Curve:
 
 
 def middle(profile: Profile) -> float:
-    """x [m] of the middle of the base, or of the visible profile if the base is not known."""
+    """Return the middle of the base, or of the visible profile if the base is not known.
+
+    Parameters
+    ----------
+    profile : Profile
+        The profile.
+
+    Returns
+    -------
+    float
+        Its x [m]; 0 if nothing is visible.
+    """
     if profile.base is not None:
         return sum(profile.base) / 2
     seen = np.isfinite(profile.height) & (profile.height > 0)

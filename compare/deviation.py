@@ -141,8 +141,20 @@ COLUMNS = tuple(column.name for column in fields(Deviation) if column.name != "b
 
 
 def key_of(quantity: Quantity) -> Key:
-    """Key under which quantities of several repetitions are the same quantity: name, method, unit and identity.
+    """Return the key under which quantities of several repetitions are the same quantity.
 
+    Parameters
+    ----------
+    quantity : Quantity
+        The quantity.
+
+    Returns
+    -------
+    tuple
+        Name, method, unit, and the details that distinguish it (`IDENTITY`).
+
+    Examples
+    --------
     >>> key_of(Quantity("restitution_wall", 0.9, 0.01, "1", method="height", detail={"bounce": 1, "frame": 12}))
     ('restitution_wall', 'height', '1', (('bounce', 1),))
     """
@@ -280,7 +292,20 @@ def _stated(mean: Quantity, prior: Scatter | None) -> Combined:
 
 
 def is_result(quantity: str, side: Detail | None) -> bool:
-    """Whether a quantity is a result of its rig; of the sides of a heap only their mean is."""
+    """Return whether a quantity is a result of its rig; of the sides of a heap only their mean is.
+
+    Parameters
+    ----------
+    quantity : str
+        Name of the quantity.
+    side : str or None
+        Side of a heap.
+
+    Returns
+    -------
+    bool
+        Whether it is one.
+    """
     return quantity in RESULTS and side in (None, "mean")
 
 
@@ -323,7 +348,18 @@ def _mean_view(views: Sequence[Quantity]) -> Quantity:
 
 
 def group(quantities: Iterable[Quantity]) -> dict[Key, list[Quantity]]:
-    """Quantities of all repetitions by their key, in the order of first appearance; values not finite are left out."""
+    """Group quantities of all repetitions by their key; values that are not finite are left out.
+
+    Parameters
+    ----------
+    quantities : iterable of Quantity
+        The quantities.
+
+    Returns
+    -------
+    dict of tuple to list of Quantity
+        By `key_of`, in the order of first appearance.
+    """
     groups: dict[Key, list[Quantity]] = {}
     for quantity in quantities:
         if math.isfinite(quantity.value):
@@ -420,13 +456,36 @@ def _counterpart(key: Key, rows: Iterable[Key], twins: Iterable[Key]) -> Key | N
 
 
 def headlines(rows: Iterable[Deviation]) -> list[Deviation]:
-    """The main results: those of each rig from the first bounce or collision and over both sides."""
+    """Return the main results: those of each rig from the first bounce or collision and over both sides.
+
+    Parameters
+    ----------
+    rows : iterable of Deviation
+        Rows of one or more experiments.
+
+    Returns
+    -------
+    list of Deviation
+        In their order.
+    """
     return _first_of(rows, RESULTS)
 
 
 def counted(rows: Sequence[Deviation]) -> str:
-    """How many rows have which verdict, in words.
+    """Return in words how many rows have which verdict.
 
+    Parameters
+    ----------
+    rows : sequence of Deviation
+        The rows.
+
+    Returns
+    -------
+    str
+        A clause.
+
+    Examples
+    --------
     >>> counted([])
     '0 quantities measured and simulated'
     """

@@ -73,9 +73,21 @@ class KeptMeasurements:
         self._again = again
 
     def key(self, experiment: Experiment, views: Sequence[Path], known: Mapping[str, Any]) -> str:
-        """Digest of what decides the measurement of a repetition.
+        """Return a digest of what decides the measurement of a repetition.
 
-        `known` are the keyword arguments of the rig's `measure`.
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        views : sequence of Path
+            Media of the repetition.
+        known : mapping
+            Keyword arguments of the rig's `measure`.
+
+        Returns
+        -------
+        str
+            20 hexadecimal digits.
         """
         names = {one.name for one in fields(experiment)} - _KNOWN
         further = {name: _of_views(getattr(experiment, name), views) for name in names}
@@ -88,12 +100,25 @@ class KeptMeasurements:
             "files": [view.name for view in views],
             "content": [sha256(view) for view in views],
             "version": __version__,
-            "code": code_digest(),
+            "code": _code_digest(),
         }
         return hashlib.sha256(json.dumps(plain(settings), sort_keys=True).encode()).hexdigest()[:20]
 
     def find(self, key: str, views: Sequence[Path]) -> Measurement | str | None:
-        """The measurement, or why it failed; None where neither is known."""
+        """Return a measurement that is kept.
+
+        Parameters
+        ----------
+        key : str
+            Its key.
+        views : sequence of Path
+            Media of the repetition.
+
+        Returns
+        -------
+        Measurement or str or None
+            The measurement, or why it failed; None where neither is known, or all are measured again.
+        """
         if self._again:
             return None
         try:
@@ -109,7 +134,17 @@ class KeptMeasurements:
             return None
 
     def keep(self, key: str, found: Measurement | str, picture: Path | None = None) -> None:
-        """Keep a measurement, or why it failed, with the `picture` that shows what was seen."""
+        """Keep a measurement.
+
+        Parameters
+        ----------
+        key : str
+            Its key.
+        found : Measurement or str
+            The measurement, or why it failed.
+        picture : Path, optional
+            Picture of what was seen when it failed.
+        """
         (self._out / FOLDER).mkdir(parents=True, exist_ok=True)
         if isinstance(found, str):
             result: dict[str, Any] = {
@@ -143,7 +178,7 @@ def _of_views(value: Any, views: Sequence[Path]) -> Any:
 
 
 @cache
-def code_digest() -> str:
+def _code_digest() -> str:
     """Digest of the code and models that measure, which change within a version while it is developed."""
     whole = hashlib.sha256()
     package = Path(__file__).resolve().parents[1]

@@ -51,7 +51,13 @@ class Measured:
         return bool(self.measurements or self.experiment.measured)
 
     def need_known(self) -> None:
-        """Raise `BadInput` with the reason of the first failure if nothing is known."""
+        """Refuse an experiment of which no repetition could be measured and nothing is stated.
+
+        Raises
+        ------
+        BadInput
+            With the reason of the first failure.
+        """
         if self.known or not self.failures:
             return
         first, *others = self.failures
@@ -67,7 +73,18 @@ class Measured:
         return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
 
     def observations(self, lab: Lab) -> list[dict[str, Any]]:
-        """Rows of ``measurements.csv`` and ``observations.csv``: every quantity measured, then those stated."""
+        """Return rows of ``measurements.csv`` and ``observations.csv``: every quantity measured, then those stated.
+
+        Parameters
+        ----------
+        lab : Lab
+            The lab, in whose folder the files are named.
+
+        Returns
+        -------
+        list of dict
+            One row each, with `rigtwin.compare.result_files.OBSERVATION_COLUMNS`.
+        """
         name, rig = self.experiment.id, self.experiment.rig_name
         rows = []
         for item in self.measurements:
@@ -88,12 +105,38 @@ class Measured:
 
 
 def rejections(experiment: Experiment) -> list[str]:
-    """A warning for each file that lab.toml names but rejects."""
+    """Return a warning for each file that lab.toml names but rejects.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    list of str
+        The warnings.
+    """
     return [f"{file.name} is rejected in lab.toml: {why}" for file, why in experiment.rejected.items()]
 
 
 def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
-    """Whether a stated quantity replaces one from media: the same quantity, by the same method or by the only one."""
+    """Return whether a stated quantity replaces one from media.
+
+    Parameters
+    ----------
+    stated : Quantity
+        The stated quantity.
+    found : Quantity
+        The measured one.
+    experiment : Experiment
+        Its rig decides which methods there are.
+
+    Returns
+    -------
+    bool
+        Whether it is the same quantity, by the same method or by the only one.
+    """
     (name, *same), (other, *others) = key_of(stated), key_of(found)
     only = len(quantities_of(experiment.rig)[stated.quantity].methods) == 1
     return name == other and (same[1:] == others[1:] if only else same == others)
@@ -102,9 +145,23 @@ def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
 def measure_repetition(
     experiment: Experiment, views: Sequence[Path], out: Path | None, **more: Any
 ) -> Measurement | Failure:
-    """Measure one repetition from its media, or from a tracked record (CSV); pictures are written into `out`.
+    """Measure one repetition from its media, or from a tracked record (CSV).
 
-    `more` are further keyword arguments of the rig's `measure`.
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+    views : sequence of Path
+        Media of the repetition; several for a rig at rest.
+    out : Path or None
+        Folder for pictures; None writes none.
+    **more : object
+        Further keyword arguments of the rig's `measure`.
+
+    Returns
+    -------
+    Measurement or Failure
+        The measurement, or why there is none.
     """
     try:
         with unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)):
@@ -121,7 +178,26 @@ def measuring(
 ) -> Iterator[Pending]:
     """Start measuring all repetitions; the block may do other work before it calls `Pending.results`.
 
-    Measurements that are kept in `out` are taken from there, unless all are to be measured `again`.
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        The experiments.
+    out : Path
+        Folder of results, in which measurements are kept.
+    workers : int, optional
+        Number of processes.  Default: one per core.
+    again : bool
+        Whether repetitions are measured again whose measurements are kept.
+
+    Yields
+    ------
+    Pending
+        The measurements under way.
+
+    Raises
+    ------
+    WorkerEnded
+        If a process ends unexpectedly.
     """
     jobs = [
         (experiment, views, folder)
@@ -159,7 +235,18 @@ class Pending:
     keys: Sequence[str]
 
     def results(self, progress: Progress = silent) -> Mapping[str, Measured]:
-        """Wait for all measurements; by experiment, with the repetitions in the order of the lab file."""
+        """Wait for all measurements, and keep them.
+
+        Parameters
+        ----------
+        progress : Progress
+            Called with stage, number and count.
+
+        Returns
+        -------
+        dict of str to Measured
+            By experiment, with the repetitions in the order of the lab file.
+        """
         done = dict(self.before)
         for job in as_completed(self.started):
             progress("measuring repetitions", len(done), len(self.names))
@@ -184,9 +271,19 @@ class Pending:
 
 
 def folders(experiments: Sequence[Experiment]) -> list[str]:
-    """A folder name for each experiment: its id with special characters replaced.
+    """Return a folder name for each experiment: its id with special characters replaced.
 
     Equal names are distinguished by a number.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+        The experiments.
+
+    Returns
+    -------
+    list of str
+        In their order.
     """
     names: list[str] = []
     for experiment in experiments:
@@ -225,5 +322,16 @@ def _measure(experiment: Experiment, views: Sequence[Path], out: Path | None, **
 
 
 def known(experiment: Experiment) -> dict[str, Any]:
-    """Return the keyword arguments of the rig's `measure` that the lab file states."""
+    """Return the keyword arguments of the rig's `measure` that the lab file states.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    dict of str to object
+        In SI units, by name.
+    """
     return {"bead_diameter": experiment.particle.typical.diameter, **entry_of(experiment).known(experiment)}

@@ -20,8 +20,26 @@ OPTION = re.compile(r"--(region|known-length|start|end|exclude|frame-rate)\b")
 def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None) -> dict[str, str]:
     """Check that a repetition of each experiment fits its camera settings and that its twin can be run.
 
-    Returns by experiment why its twin cannot be run because something is neither stated nor known.  Raises
-    `BadLabFile` with all that is wrong, or `BadInput` for a `count` that a twin cannot have.
+    Parameters
+    ----------
+    lab : Lab
+        The lab.
+    experiments : sequence of Experiment
+        Its experiments that are compared.
+    count : int or None
+        Number of particles, where lab.toml states none.
+
+    Returns
+    -------
+    dict of str to str
+        By experiment why its twin cannot be run because something is neither stated nor known.
+
+    Raises
+    ------
+    BadLabFile
+        With all that is wrong.
+    BadInput
+        If a twin cannot have `count` particles.
     """
     lacking: dict[str, str] = {}
     faults: list[Fault] = []
@@ -42,7 +60,20 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
 
 
 def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
-    """Raise `BadLabFile` with the experiments whose repetitions are all rejected, or none of which fits the camera."""
+    """Refuse experiments whose repetitions are all rejected, or none of which fits the camera.
+
+    Parameters
+    ----------
+    lab : Lab
+        The lab.
+    experiments : sequence of Experiment
+        Its experiments that are measured.
+
+    Raises
+    ------
+    BadLabFile
+        With all of these experiments.
+    """
     faults: list[Fault] = []
     for experiment in experiments:
         if not _all_rejected(experiment, faults):
@@ -89,12 +120,12 @@ def _frame_rate(lab: Lab, experiment: Experiment, faults: list[Fault]) -> float 
     """Frame rate [1/s] of the experiment, if it is known; what of its media does not fit is added to `faults`."""
     try:
         return _need_view(lab, experiment)
-    except Misfit as misfit:
+    except _Misfit as misfit:
         faults.append(Fault(experiment, misfit.key, misfit.why))
         return None
 
 
-class Misfit(Exception):
+class _Misfit(Exception):
     """Camera settings and media that do not fit each other."""
 
     def __init__(self, key: Key, why: str) -> None:
@@ -117,11 +148,11 @@ def _need_view(lab: Lab, experiment: Experiment) -> float | None:
     asked = camera.frame_rate is None and not entry_of(experiment).many_particles
     if not experiment.repetitions or (not stated and not asked):
         return camera.frame_rate
-    first: Misfit | None = None
+    first: _Misfit | None = None
     for views in experiment.repetitions:
         try:
             return _opened(lab, experiment, views)
-        except Misfit as misfit:
+        except _Misfit as misfit:
             first = first or misfit
     assert first is not None  # there are repetitions
     raise first
@@ -148,15 +179,15 @@ def _opened(lab: Lab, experiment: Experiment, views: Sequence[Path]) -> float | 
     return rate
 
 
-def _misfit(lab: Lab, experiment: Experiment, view: Path, error: BadInput) -> Misfit:
+def _misfit(lab: Lab, experiment: Experiment, view: Path, error: BadInput) -> _Misfit:
     """The fault with the key that states what does not fit: that of the file, or of all files."""
     option = OPTION.search(str(error))
     if option is None:
-        return Misfit(("repetitions",), str(error))
+        return _Misfit(("repetitions",), str(error))
     name = option[1].replace("-", "_")
     camera = experiment.camera_of(view)
     if name == "start" and camera.start is None:  # the message names both if the interval is too short
         name = "end"
     own = getattr(camera, name) != getattr(experiment.camera, name)
     place = ("files", relative(view, lab.folder)) if own else ("camera",)
-    return Misfit((*place, name), OPTION.sub(lambda found: found[1].replace("-", "_"), str(error)))
+    return _Misfit((*place, name), OPTION.sub(lambda found: found[1].replace("-", "_"), str(error)))

@@ -42,9 +42,26 @@ LIBRARIES = (
 
 
 def write_together(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, Path]:
-    """Write files by name into `folder`; a failure while writing leaves all old files unchanged.
+    """Write files together; a failure while writing leaves all old files unchanged.
 
     Figures that an earlier run of the same command wrote, and this one does not, are removed.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of results, made where it is missing.
+    contents : mapping of str to str or bytes
+        Contents by name in the folder.
+
+    Returns
+    -------
+    dict of str to Path
+        The files by name.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     stale = [name for name in _figures_before(folder, contents) if name not in contents]
@@ -74,7 +91,18 @@ def _figures_before(folder: Path, contents: Mapping[str, str | bytes]) -> Iterat
 
 
 def listed_figures(captions: Path) -> dict[str, str]:
-    """Names and captions in the list of the figures of a page; empty if there is none or it is not of ours."""
+    """Read the list of the figures of a page.
+
+    Parameters
+    ----------
+    captions : Path
+        The list, a CSV file.
+
+    Returns
+    -------
+    dict of str to str
+        Captions by name; empty if there is no list or it is not of ours.
+    """
     with suppress(OSError, ValueError, KeyError, csv.Error):
         if captions.stat().st_size <= LARGEST_TABLE:
             rows = list(csv.DictReader(captions.read_text(encoding="utf-8").splitlines()))
@@ -83,9 +111,24 @@ def listed_figures(captions: Path) -> dict[str, str]:
 
 
 def write_in_turn(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str, Path]:
-    """`write_together` while no other run writes there; temporary files of killed runs are removed.
+    """Write files as `write_together` does, while no other run writes there.
 
-    Raises `Claimed` if another run writes for longer than `PATIENCE`.
+    Temporary files of killed runs are removed.
+
+    Parameters
+    ----------
+    folder, contents : Path, mapping
+        As for `write_together`.
+
+    Returns
+    -------
+    dict of str to Path
+        The files by name.
+
+    Raises
+    ------
+    Claimed
+        If another run writes for longer than `PATIENCE`.
     """
     deadline = time.monotonic() + PATIENCE
     while True:
@@ -100,7 +143,18 @@ def write_in_turn(folder: Path, contents: Mapping[str, str | bytes]) -> dict[str
 
 @contextmanager
 def claimed(out: Path) -> Iterator[None]:
-    """Keep the folder of results for one run; temporary files of killed runs are removed."""
+    """Keep the folder of results for one run; temporary files of killed runs are removed.
+
+    Parameters
+    ----------
+    out : Path
+        The folder.
+
+    Raises
+    ------
+    Claimed
+        If another run writes into it.
+    """
     with claimed_folder(
         out, f"{out}: another run of rigtwin is writing into it; wait for that one, or give --out another folder."
     ):
@@ -109,9 +163,25 @@ def claimed(out: Path) -> Iterator[None]:
 
 
 def observation(experiment: str, rig: str, origin: str, repetition: str, quantity: Quantity) -> dict[str, Any]:
-    """A row of ``observations.csv``: one quantity of one repetition, or one that lab.toml states.
+    """Return a row of ``observations.csv``: one quantity of one repetition, or one that lab.toml states.
 
-    `origin` is "measured", "stated" or "simulated".
+    Parameters
+    ----------
+    experiment : str
+        Name of the experiment.
+    rig : str
+        Name of its rig.
+    origin : {"measured", "stated", "simulated"}
+        Where the quantity comes from.
+    repetition : str
+        File of the repetition, or name of the run.
+    quantity : Quantity
+        The quantity.
+
+    Returns
+    -------
+    dict
+        The cells by `OBSERVATION_COLUMNS`.
     """
     return {
         "experiment": experiment,
@@ -129,7 +199,20 @@ def observation(experiment: str, rig: str, origin: str, repetition: str, quantit
 
 
 def relative(path: Path, folder: Path) -> str:
-    """A path as seen from `folder` where it lies in it, else as it is."""
+    """Return a path as seen from a folder where it lies in it, else as it is.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    str
+        With slashes where it lies in the folder.
+    """
     try:
         return path.relative_to(folder).as_posix()
     except ValueError:
@@ -137,12 +220,36 @@ def relative(path: Path, folder: Path) -> str:
 
 
 def deviations_csv(rows: Iterable[Deviation]) -> str:
-    """The text of ``deviations.csv``; an empty cell means "does not apply" or "unknown"."""
+    """Return the text of ``deviations.csv``; an empty cell means "does not apply" or "unknown".
+
+    Parameters
+    ----------
+    rows : iterable of Deviation
+        The rows.
+
+    Returns
+    -------
+    str
+        CSV text.
+    """
     return table([row.row() for row in rows], COLUMNS)
 
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
-    """Rows as CSV text; None, NaN and infinity become empty cells."""
+    """Return rows as CSV text; None, NaN and infinity become empty cells.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Cells by column; a missing one is empty.
+    columns : sequence of str
+        The columns.
+
+    Returns
+    -------
+    str
+        CSV text, numbers with nine digits.
+    """
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
@@ -151,12 +258,34 @@ def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
 
 
 def document(content: object) -> str:
-    """Python and NumPy values (no dataclasses) as strict JSON text."""
+    """Return Python and NumPy values as strict JSON text.
+
+    Parameters
+    ----------
+    content : object
+        The values, without dataclasses.
+
+    Returns
+    -------
+    str
+        JSON text.
+    """
     return json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def plain(value: Any) -> Any:
-    """The value with JSON types only: paths become text, NumPy scalars numbers, NaN and infinity null."""
+    """Return a value with JSON types only.
+
+    Parameters
+    ----------
+    value : object
+        The value, without dataclasses.
+
+    Returns
+    -------
+    object
+        Paths become text, arrays lists, NumPy scalars numbers, NaN and infinity None.
+    """
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, set)):
@@ -171,7 +300,18 @@ def plain(value: Any) -> Any:
 
 
 def versions(libraries: Iterable[str] = LIBRARIES) -> dict[str, str]:
-    """Versions of rigtwin, Python and libraries."""
+    """Return the versions of rigtwin, Python and libraries.
+
+    Parameters
+    ----------
+    libraries : iterable of str
+        Names of the libraries.
+
+    Returns
+    -------
+    dict of str to str
+        Versions by name; "unknown" where a library is not installed.
+    """
     found = {"rigtwin": __version__, "python": platform.python_version()}
     for library in libraries:
         try:

@@ -18,14 +18,38 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Workers:
-    """At most `size` worker processes, each started when a job finds none free."""
+    """A limited number of worker processes, each started when a job finds none free.
+
+    Parameters
+    ----------
+    size : int
+        Largest number of processes.
+    """
 
     def __init__(self, size: int) -> None:
         self.size = size
         self._pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), initializer=_start_worker)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
-        """Hand out a job.  Raises `BrokenProcessPool` if a worker has ended unexpectedly."""
+        """Hand out a job.
+
+        Parameters
+        ----------
+        function : callable
+            Function that a worker can import.
+        *arguments : object
+            Its arguments.
+
+        Returns
+        -------
+        concurrent.futures.Future
+            Its result.
+
+        Raises
+        ------
+        BrokenProcessPool
+            If a worker has ended unexpectedly.
+        """
         with _interrupts_held():
             try:
                 return self._pool.submit(function, *arguments)
@@ -41,10 +65,30 @@ class Workers:
 def spawned(
     jobs: int, workers: int | None = None, *, work: str = "worked", less: str = "use fewer --workers"
 ) -> Iterator[Workers]:
-    """At most `workers` processes (one per core by default) for `jobs` jobs.
+    """Keep worker processes for the block.
 
-    `WorkerEnded` is raised if one of them ends unexpectedly; its message says what it did (`work`, a verb in the past
-    tense) and how to need less memory (`less`).  An exception in the block, including Ctrl-C, ends the processes too.
+    An exception in the block, including Ctrl-C, ends the processes too.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of jobs; there are no more processes than jobs.
+    workers : int, optional
+        Largest number of processes.  Default: one per core.
+    work : str
+        What a process did, for the error message: a verb in the past tense.
+    less : str
+        How to need less memory, for the error message.
+
+    Yields
+    ------
+    Workers
+        The processes.
+
+    Raises
+    ------
+    WorkerEnded
+        If one of them ends unexpectedly.
     """
     others = set(multiprocessing.active_children())
     pool = Workers(max(1, min(workers or os.cpu_count() or 1, jobs)))

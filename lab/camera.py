@@ -45,7 +45,7 @@ class KnownLength:
 
     @property
     def scale(self) -> float:
-        """[m/px]"""
+        """Length of a pixel [m/px]."""
         dx, dy = self.end[0] - self.start[0], self.end[1] - self.start[1]
         return self.length / float((dx * dx + dy * dy) ** 0.5)
 
@@ -149,7 +149,15 @@ class Camera:
             raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")
 
     def places(self) -> Iterator[tuple[str, Point]]:
-        """Option and place [px] of every point that is stated."""
+        """Yield every point that is stated.
+
+        Yields
+        ------
+        option : str
+            The option that states it.
+        place : Point
+            Where it is [px].
+        """
         length = self.known_length
         lines = {
             "--known-length": None if length is None else (length.start, length.end),
@@ -183,7 +191,7 @@ class Camera:
 
     @property
     def given_scale(self) -> float | None:
-        """[m/px] from `scale` or `known_length`, None when neither was given."""
+        """Length of a pixel [m/px] from `scale` or `known_length`; None when neither was given."""
         if self.scale is not None:
             return self.scale
         return self.known_length.scale if self.known_length is not None else None
@@ -196,19 +204,62 @@ class Camera:
         return "given" if self.scale is not None else "known length"
 
     def scale_uncertainty(self, by_hand: float) -> float:
-        """Relative standard uncertainty of `given_scale`: the board's own, else `by_hand`, of a scale read off."""
+        """Return the relative standard uncertainty of `given_scale`.
+
+        Parameters
+        ----------
+        by_hand : float
+            That of a scale that was read off [1].
+
+        Returns
+        -------
+        float
+            The board's own, where there is one, else `by_hand` [1].
+        """
         return by_hand if self.lens is None else self.lens.uncertainty
 
 
 def camera_for_each(camera: Camera | Sequence[Camera], media: Sequence[Path]) -> dict[Path, Camera]:
-    """The camera of each photo: the same one for all, or one each in the order of the photos."""
+    """Return the camera of each photo.
+
+    Parameters
+    ----------
+    camera : Camera or sequence of Camera
+        The same one for all, or one each in the order of the photos.
+    media : sequence of Path
+        The photos.
+
+    Returns
+    -------
+    dict of Path to Camera
+        By photo.
+    """
     cameras = [camera] * len(media) if isinstance(camera, Camera) else camera
     return dict(zip(media, cameras, strict=True))
 
 
 def known_length(text: str, *, name: str = "known_length") -> KnownLength:
-    """Parse ``"100mm:x1,y1,x2,y2"`` (pixels).
+    """Read a known length.
 
+    Parameters
+    ----------
+    text : str
+        ``"100mm:x1,y1,x2,y2"``: the length, and its ends in the picture [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    KnownLength
+        The length.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, or spans no length.
+
+    Examples
+    --------
     >>> known_length("100 mm:10,20,510,20").scale
     0.0002
     """
@@ -224,8 +275,28 @@ def known_length(text: str, *, name: str = "known_length") -> KnownLength:
 
 
 def board(text: str, *, name: str = "board") -> Board:
-    """Parse ``"checkerboard 9x6 10mm board.jpg"``.
+    """Read the description of a calibration board.
 
+    Parameters
+    ----------
+    text : str
+        ``"checkerboard 9x6 10mm board.jpg"``, ``"charuco 8x5 20mm/15mm board.jpg"`` or ``"aruco 40mm board.jpg"``:
+        numbers of squares, their size, the size of markers, and the photo.
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    Board
+        The board.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, or there is no such board.
+
+    Examples
+    --------
     >>> board("charuco 8x5 20mm/15mm board.png").marker
     0.015
     """
@@ -261,8 +332,27 @@ def board(text: str, *, name: str = "board") -> Board:
 
 
 def plumb_line(text: str, *, name: str = "plumb_line") -> float:
-    """Roll [rad] from ``"x1,y1,x2,y2"``, two points of a plumb line in the picture.
+    """Read the roll of the camera from two points of a plumb line in the picture.
 
+    Parameters
+    ----------
+    text : str
+        ``"x1,y1,x2,y2"`` [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    float
+        Roll [rad], positive when the scene looks turned clockwise in the picture.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, or the points are too near or nearer to the horizontal.
+
+    Examples
+    --------
     >>> round(math.degrees(plumb_line("100,0,90,500")), 3)
     1.146
     """
@@ -278,7 +368,25 @@ def plumb_line(text: str, *, name: str = "plumb_line") -> float:
 
 
 def region(text: str, *, name: str = "region") -> tuple[float, float, float, float]:
-    """Parse ``"x,y,width,height"`` in pixels."""
+    """Read a rectangle in the picture.
+
+    Parameters
+    ----------
+    text : str
+        ``"x,y,width,height"`` [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    tuple of float
+        x, y, width and height [px].
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, or the rectangle is empty.
+    """
     x, y, width, height = _floats(text, 4, name, "x,y,width,height")
     if width <= 0 or height <= 0:
         raise BadQuantity(f"{name}: {text!r} is empty; width and height must be positive pixels.")
@@ -286,8 +394,27 @@ def region(text: str, *, name: str = "region") -> tuple[float, float, float, flo
 
 
 def line(text: str, *, name: str = "base") -> Line:
-    """Parse ``"x1,y1,x2,y2"``, two points of a line in the picture, in the order from left to right.
+    """Read two points of a line in the picture.
 
+    Parameters
+    ----------
+    text : str
+        ``"x1,y1,x2,y2"`` [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    Line
+        The points [px], from left to right.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, or the points are too near.
+
+    Examples
+    --------
     >>> line("500,310,100,300")
     ((100.0, 300.0), (500.0, 310.0))
     """
@@ -299,13 +426,49 @@ def line(text: str, *, name: str = "base") -> Line:
 
 
 def point(text: str, *, name: str = "pivot") -> Point:
-    """Parse ``"x,y"`` in pixels."""
+    """Read a point in the picture.
+
+    Parameters
+    ----------
+    text : str
+        ``"x,y"`` [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    Point
+        The point [px].
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this.
+    """
     x, y = _floats(text, 2, name, "x,y")
     return x, y
 
 
 def circle(text: str, *, name: str = "circle") -> tuple[float, float, float]:
-    """Parse ``"cx,cy,r"`` in pixels."""
+    """Read a circle in the picture.
+
+    Parameters
+    ----------
+    text : str
+        ``"cx,cy,r"`` [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    tuple of float
+        x and y of the centre, and radius [px].
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, or the radius is too small.
+    """
     x, y, radius = _floats(text, 3, name, "cx,cy,r")
     if radius <= SHORTEST_LINE:
         raise BadQuantity(f"{name}: {text!r} has a radius of at most {SHORTEST_LINE:g} pixels; give the inner rim.")
@@ -313,13 +476,50 @@ def circle(text: str, *, name: str = "circle") -> tuple[float, float, float]:
 
 
 def height(text: str | float, *, name: str = "floor") -> float:
-    """Parse a height in the picture, ``"y"`` in pixels."""
+    """Read a height in the picture.
+
+    Parameters
+    ----------
+    text : str or float
+        ``"y"`` [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    float
+        y [px].
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this.
+    """
     return _floats(str(text), 1, name, "y")[0]
 
 
 def seed(text: str, *, name: str = "bead_at") -> Seed:
-    """Parse ``"frame:x,y"``.
+    """Read where a body is in one frame.
 
+    Parameters
+    ----------
+    text : str
+        ``"frame:x,y"`` [px].
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    Seed
+        Frame and place.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this.
+
+    Examples
+    --------
     >>> seed("12:310,88.5")
     Seed(frame=12, at=(310.0, 88.5))
     """
@@ -331,8 +531,27 @@ def seed(text: str, *, name: str = "bead_at") -> Seed:
 
 
 def moment(text: str | float, *, name: str = "start") -> Moment:
-    """Parse a time ("0.25 s") or a frame number ("60 frames", "60f").
+    """Read a time or a frame number.
 
+    Parameters
+    ----------
+    text : str or float
+        ``"0.25 s"``, a number in seconds, ``"60 frames"`` or ``"60f"``.
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    Moment
+        The moment.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, or the time is negative.
+
+    Examples
+    --------
     >>> moment("60 frames")
     Moment(value=60.0, unit='frame')
     >>> moment("250 ms")
@@ -349,8 +568,27 @@ def moment(text: str | float, *, name: str = "start") -> Moment:
 
 
 def span(text: str, *, name: str = "exclude") -> tuple[Moment, Moment]:
-    """Parse a part of a clip, ``"60f..80f"`` or ``"0.25 s..0.3 s"``, both ends included.
+    """Read a part of a clip.
 
+    Parameters
+    ----------
+    text : str
+        ``"60f..80f"`` or ``"0.25 s..0.3 s"``, both ends included.
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    tuple of Moment
+        First and last moment.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this, mixes a time and a frame, or the part ends before it begins.
+
+    Examples
+    --------
     >>> span("60f..80f")
     (Moment(value=60.0, unit='frame'), Moment(value=80.0, unit='frame'))
     """
@@ -366,7 +604,25 @@ def span(text: str, *, name: str = "exclude") -> tuple[Moment, Moment]:
 
 
 def roll(text: str | float, *, name: str = "camera_roll") -> float:
-    """Parse a camera roll [rad]; a bare number would be radians, and 1.5 of them are no roll."""
+    """Read the roll of a camera.
+
+    Parameters
+    ----------
+    text : str or float
+        ``"1.5 deg"``, or a number in radians.
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    float
+        Roll [rad].
+
+    Raises
+    ------
+    BadQuantity
+        If the text is no angle, or one of more than 45 degrees.
+    """
     angle = si(text, "angle", name=name)
     if abs(angle) > math.pi / 4:
         raise BadQuantity(

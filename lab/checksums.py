@@ -14,6 +14,16 @@ def all_different(views: Sequence[Path]) -> None:
     """Refuse views of which one is given twice, or is a copy of another.
 
     Counted twice it would make the mean over views look surer than it is.
+
+    Parameters
+    ----------
+    views : sequence of Path
+        The files.
+
+    Raises
+    ------
+    BadInput
+        If two are the same.
     """
     seen: set[Path] = set()
     for view in views:
@@ -25,9 +35,19 @@ def all_different(views: Sequence[Path]) -> None:
 
 
 def copies(files: Iterable[Path]) -> Iterator[tuple[Path, Path]]:
-    """Each file that holds the same as an earlier one, with that one.
+    """Yield each file that holds the same as an earlier one.
 
     Only what is of one size is read: clips are large.  What is empty is no copy, but a fault of its own.
+
+    Parameters
+    ----------
+    files : iterable of Path
+        Files, or folders of pictures.
+
+    Yields
+    ------
+    original, copy : Path
+        The earlier file and the later one.
     """
     by_size: dict[int, list[Path]] = {}
     for file in files:
@@ -59,7 +79,18 @@ def _size(path: Path) -> int:
 
 
 def sha256(path: Path) -> str:
-    """Hex digest of a file's content; of a folder, of its files' names and contents in the order of their names."""
+    """Return a checksum of a file's content.
+
+    Parameters
+    ----------
+    path : Path
+        A file; of a folder, its files' names and contents count, in the order of their names.
+
+    Returns
+    -------
+    str
+        SHA-256, 64 hexadecimal digits.
+    """
     if path.is_file():
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -41,7 +41,18 @@ class Clump:
         return max(math.hypot(*place) + radius for place, radius in zip(self.offsets, self.radii, strict=True))
 
     def scaled(self, factor: float) -> Clump:
-        """All lengths times a factor."""
+        """Return the clump with all lengths times a factor.
+
+        Parameters
+        ----------
+        factor : float
+            The factor [1].
+
+        Returns
+        -------
+        Clump
+            The other clump.
+        """
         x, y, z = (factor**2 * one for one in self.gyration)
         return Clump(
             tuple((factor * a, factor * b, factor * c) for a, b, c in self.offsets),
@@ -62,8 +73,29 @@ class MassProperties:
 
 
 def clump(offsets: Sequence[Vector], radii: Sequence[float] | float, *, accuracy: float = ACCURACY) -> Clump:
-    """The clump of these spheres [m], moved to its centre of mass and turned to its principal axes.
+    """Return the clump of spheres, moved to its centre of mass and turned to its principal axes.
 
+    Parameters
+    ----------
+    offsets : sequence of tuple of float
+        Centres of the spheres [m], in any axes.
+    radii : sequence of float or float
+        Their radii [m], or the radius of all.
+    accuracy : float
+        Relative accuracy of volume and moments [1].
+
+    Returns
+    -------
+    Clump
+        The clump.
+
+    Raises
+    ------
+    BadInput
+        If a number is not possible.
+
+    Examples
+    --------
     >>> pair = clump([(-1e-3, 0, 0), (1e-3, 0, 0)], 1e-3)
     >>> round(pair.volume / (8 / 3 * math.pi * 1e-9), 4)
     1.0
@@ -85,8 +117,22 @@ def _clump(offsets: tuple[Vector, ...], radii: tuple[float, ...], accuracy: floa
 
 
 def apart(centres: Array, radii: Array) -> int | None:
-    """Index of the first sphere that no chain of touching spheres links to sphere 0; None if they all hang together.
+    """Find a sphere that does not hang together with the first one.
 
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+
+    Returns
+    -------
+    int or None
+        Index of the first sphere that no chain of touching spheres links to sphere 0; None if there is none.
+
+    Examples
+    --------
     >>> import numpy as np
     >>> apart(np.array([[0.0, 0, 0], [1, 0, 0], [5, 0, 0]]), np.array([0.5, 0.5, 1.0]))
     2
@@ -104,7 +150,20 @@ def apart(centres: Array, radii: Array) -> int | None:
 
 
 def principal_axes(tensor: Array, accuracy: float = ACCURACY) -> Array:
-    """Right-handed principal axes of an inertia tensor, as columns; the given ones where they are that already."""
+    """Return the principal axes of an inertia tensor.
+
+    Parameters
+    ----------
+    tensor : Array, shape (3, 3)
+        The tensor, in any unit.
+    accuracy : float
+        Off-diagonal part over the trace [1] up to which the given axes count as principal and are kept.
+
+    Returns
+    -------
+    Array, shape (3, 3)
+        The axes as columns, right-handed.
+    """
     import numpy as np
 
     if np.abs(tensor - np.diag(np.diag(tensor))).max() <= accuracy * np.trace(tensor):
@@ -119,10 +178,29 @@ def _vector(numbers: Sequence[float]) -> Vector:
 
 
 def mass_properties(offsets: Sequence[Vector], radii: Sequence[float], *, accuracy: float = ACCURACY) -> MassProperties:
-    """Volume, centre and inertia tensor of a union of spheres [m], to a relative `accuracy`.
+    """Return volume, centre and inertia tensor of a union of spheres.
 
-    The union is cut into columns, in each of which its length and moments are exact; the columns are halved until
-    that changes no number by more than half the accuracy.
+    The union is cut into columns, in each of which its length and moments are exact; the columns are halved until that
+    changes no number by more than half the accuracy.
+
+    Parameters
+    ----------
+    offsets : sequence of tuple of float
+        Centres of the spheres [m].
+    radii : sequence of float
+        Their radii [m].
+    accuracy : float
+        Relative accuracy [1].
+
+    Returns
+    -------
+    MassProperties
+        At unit density.
+
+    Raises
+    ------
+    BadInput
+        If a number is not possible.
     """
     import numpy as np
 
@@ -183,16 +261,45 @@ def _integrals(centres: Array, radii: Array, columns: int) -> Array:
 
 
 def row(count: int, radius: float, spacing: float) -> Clump:
-    """`count` equal spheres in a row along x: a pellet with round ends [m]."""
+    """Return equal spheres in a row along x: a pellet with round ends.
+
+    Parameters
+    ----------
+    count : int
+        Number of spheres.
+    radius : float
+        Their radius [m].
+    spacing : float
+        Distance of neighbouring centres [m].
+
+    Returns
+    -------
+    Clump
+        The clump.
+    """
     return clump([((k - (count - 1) / 2) * spacing, 0.0, 0.0) for k in range(count)], radius)
 
 
 def cubic(side: float, *orbits: tuple[tuple[float, float, float], float]) -> Clump:
-    """Spheres inside a cube of this side [m], with all the symmetries of the cube.
+    """Return spheres inside a cube, with all the symmetries of the cube.
 
-    Each orbit is a direction (in parts of the way from the middle to where the sphere touches the faces) and a
-    radius [m]: (1, 1, 1) puts a sphere into each corner, (1, 1, 0) in the middle of each edge, (0, 0, 0) in the
-    middle.
+    Parameters
+    ----------
+    side : float
+        Side of the cube [m].
+    *orbits : tuple
+        Each a direction (in parts of the way from the middle to where the sphere touches the faces) and a radius [m]:
+        (1, 1, 1) puts a sphere into each corner, (1, 1, 0) in the middle of each edge, (0, 0, 0) in the middle.
+
+    Returns
+    -------
+    Clump
+        The clump.
+
+    Raises
+    ------
+    BadInput
+        If a sphere does not fit the cube.
     """
     places: list[Vector] = []
     radii: list[float] = []

@@ -15,7 +15,20 @@ THROWN, CENTRIFUGED = 0.5, 1.0
 
 
 def froude_check(speed: float, radius: float) -> Check:
-    """Whether beads flow in a drum of `radius` [m] that turns with `speed` [rad/s]."""
+    """Check that beads flow in a drum and are not thrown.
+
+    Parameters
+    ----------
+    speed : float
+        Speed of the drum [rad/s].
+    radius : float
+        Its radius [m].
+
+    Returns
+    -------
+    Check
+        ``froude_number`` [1], speed^2 R / g.
+    """
     froude = speed**2 * radius / GRAVITY
     words = f"the Froude number, speed^2 R / g, is {froude:.2g}"
     if froude >= CENTRIFUGED:
@@ -28,7 +41,20 @@ def froude_check(speed: float, radius: float) -> Check:
 
 
 def fill_check(share: float, what: str) -> Check:
-    """Whether a bed that takes this share of the drum flows over itself; `what` fills it, "the bed fills"."""
+    """Check that a bed flows over itself.
+
+    Parameters
+    ----------
+    share : float
+        Share of the drum that it takes [1].
+    what : str
+        What fills it, in words: "the bed fills".
+
+    Returns
+    -------
+    Check
+        ``fill`` [1].
+    """
     filled = FLOWING[0] < share < FLOWING[1]
     least, most = (round(100 * limit) for limit in FLOWING)  # [%]
     ending = "." if filled else f": no bed of less than {least} or more than {most} % flows over itself."

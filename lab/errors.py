@@ -69,12 +69,19 @@ class WorkerEnded(RigtwinError):
 
 
 class BadInput(RigtwinError):
-    """What the user gave cannot be used; the message says what, where, and what to do."""
+    """What the user gave cannot be used; the message says what, where, and what to do.
+
+    Parameters
+    ----------
+    message : str
+        The sentence.
+    seen : Seen, optional
+        What a picture of the refusal should show (`rigtwin.measure.refusal`).
+    """
 
     exit_code = 2
 
     def __init__(self, message: str = "", seen: Seen | None = None) -> None:
-        """`seen` is what a picture of the refusal should show (`rigtwin.measure.refusal`)."""
         super().__init__(message)
         self.message = message
         self.seen = seen
@@ -91,10 +98,17 @@ class BadQuantity(BadInput):
 
 
 class BadLabFile(BadInput):
-    """A lab.toml with missing keys, unknown keys or values that cannot be."""
+    """A lab.toml with missing keys, unknown keys or values that cannot be.
+
+    Parameters
+    ----------
+    message : str
+        What stands before the faults.
+    faults : sequence of str
+        A sentence on each of several faults.
+    """
 
     def __init__(self, message: str = "", faults: Sequence[str] = ()) -> None:
-        """`faults` are the sentences on each of several faults; the text has them behind `message`."""
         self.faults = tuple(faults)
         self.headed = message
         super().__init__(": ".join(filter(None, (message, " ".join(self.faults)))))
@@ -120,6 +134,18 @@ class NothingToMeasure(BadInput):
 def seeing(seen: Seen) -> Iterator[None]:
     """Add what was seen to a refusal from within that carries nothing of it.
 
+    Parameters
+    ----------
+    seen : Seen
+        What was seen.
+
+    Raises
+    ------
+    NothingToMeasure
+        The refusal.
+
+    Examples
+    --------
     >>> with seeing(Seen(frame=3)):  # doctest: +SKIP
     ...     evaluate(track)
     """

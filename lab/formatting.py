@@ -73,8 +73,22 @@ _SHOWN = {
 
 
 def shown(unit: str) -> tuple[float, str]:
-    """Factor by which a number in this unit is multiplied to be shown, and the sign of its unit then.
+    """Return how numbers in a unit are shown.
 
+    Parameters
+    ----------
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    factor : float
+        By which a number is multiplied to be shown.
+    sign : str
+        Sign of its unit then.
+
+    Examples
+    --------
     >>> shown("m"), shown("s")
     ((1000.0, 'mm'), (1.0, 's'))
     """
@@ -82,8 +96,20 @@ def shown(unit: str) -> tuple[float, str]:
 
 
 def title(quantity: str) -> str:
-    """A quantity's name for a person.
+    """Return a quantity's name for a person.
 
+    Parameters
+    ----------
+    quantity : str
+        Name of the quantity.
+
+    Returns
+    -------
+    str
+        One of `TITLES`, else the name in words.
+
+    Examples
+    --------
     >>> title("rebound_height"), title("impact_speed")
     ('Rebound height', 'Impact speed')
     """
@@ -91,8 +117,20 @@ def title(quantity: str) -> str:
 
 
 def siblings(detail: Mapping[str, object]) -> str:
-    """Details that distinguish a quantity from others of its name.
+    """Return in words the details that distinguish a quantity from others of its name.
 
+    Parameters
+    ----------
+    detail : mapping of str to object
+        Details of the quantity.
+
+    Returns
+    -------
+    str
+        Empty where there are none.
+
+    Examples
+    --------
     >>> siblings({"bounce": 1}), siblings({"body": "B"}), siblings({"side": "mean", "view": "all"})
     ('bounce 1', 'bead B', 'mean, all views')
     """
@@ -104,8 +142,24 @@ def siblings(detail: Mapping[str, object]) -> str:
 
 
 def reading(value: float | None, std_uncertainty: float | None, unit: str) -> str:
-    """A value with one standard uncertainty, rounded to the uncertainty's second digit.
+    """Return a value with one standard uncertainty, rounded to the uncertainty's second digit.
 
+    Parameters
+    ----------
+    value : float or None
+        The value, in `unit`.
+    std_uncertainty : float or None
+        Its standard uncertainty, in `unit`.
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    str
+        The text, with the unit as it is `shown`.
+
+    Examples
+    --------
     >>> reading(0.44321, 0.0061, "1")
     '0.4432 ± 0.0061'
     >>> reading(0.2984, 0.0005, "m")
@@ -133,8 +187,20 @@ def reading(value: float | None, std_uncertainty: float | None, unit: str) -> st
 
 
 def unit_of(unit: str) -> str:
-    """What stands behind a number in SI; nothing behind a plain one.
+    """Return what stands behind a number in SI.
 
+    Parameters
+    ----------
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    str
+        A space and the unit; nothing behind a plain number.
+
+    Examples
+    --------
     >>> "3.2" + unit_of("s"), "0.44" + unit_of("1")
     ('3.2 s', '0.44')
     """
@@ -142,8 +208,22 @@ def unit_of(unit: str) -> str:
 
 
 def uncertainty(std_uncertainty: float, unit: str) -> str:
-    """A part of an uncertainty, to two digits.
+    """Return a part of an uncertainty, to two digits.
 
+    Parameters
+    ----------
+    std_uncertainty : float
+        The part, in `unit`.
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    str
+        The text, with the unit as it is `shown`.
+
+    Examples
+    --------
     >>> uncertainty(0.00123, "m"), uncertainty(0.0061234, "1"), uncertainty(0.123, "m")
     ('1.2 mm', '0.0061', '120 mm')
     """
@@ -153,8 +233,22 @@ def uncertainty(std_uncertainty: float, unit: str) -> str:
 
 
 def percent(value: float | None, std_uncertainty: float | None) -> str:
-    """A percentage with its sign and standard uncertainty.
+    """Return a percentage with its sign and standard uncertainty.
 
+    Parameters
+    ----------
+    value : float or None
+        The value [%].
+    std_uncertainty : float or None
+        Its standard uncertainty [%].
+
+    Returns
+    -------
+    str
+        The text.
+
+    Examples
+    --------
     >>> percent(-3.21, 0.84), percent(None, None)
     ('−3.21 ± 0.84 %', '–')
     """
@@ -169,8 +263,20 @@ def percent(value: float | None, std_uncertainty: float | None) -> str:
 
 
 def z_score(value: float | None) -> str:
-    """A difference in units of its standard uncertainty.
+    """Return a difference in units of its standard uncertainty, with its sign.
 
+    Parameters
+    ----------
+    value : float or None
+        The difference [1].
+
+    Returns
+    -------
+    str
+        The text.
+
+    Examples
+    --------
     >>> z_score(-1.234), z_score(2345.6), z_score(None)
     ('−1.2', '>+99', '–')
     """
@@ -182,8 +288,20 @@ def z_score(value: float | None) -> str:
 
 
 def as_given(value: float | None) -> str:
-    """Origin of a dimension of a twin, for the record of its assumptions.
+    """Return the origin of a dimension of a twin, for the record of its assumptions.
 
+    Parameters
+    ----------
+    value : float or None
+        What the rig states.
+
+    Returns
+    -------
+    str
+        The origin, in words.
+
+    Examples
+    --------
     >>> as_given(0.25), as_given(None)
     ('as given', 'not stated: assumed')
     """
@@ -191,8 +309,20 @@ def as_given(value: float | None) -> str:
 
 
 def decimals(std_uncertainty: float) -> int:
-    """Decimal places that show two digits of an uncertainty.
+    """Return the decimal places that show two digits of an uncertainty.
 
+    Parameters
+    ----------
+    std_uncertainty : float
+        The uncertainty, above zero.
+
+    Returns
+    -------
+    int
+        Number of places.
+
+    Examples
+    --------
     >>> decimals(0.0061), decimals(0.5), decimals(12.0)
     (4, 2, 0)
     """

@@ -17,9 +17,19 @@ MOST_ROWS = 1_000_000  # of a table: an hour at 240 frames per second; as text c
 
 
 def why_not_ordinary(path: Path) -> str:
-    """What keeps a path from being read as a file, in words; empty if nothing does.
+    """Return what keeps a path from being read as a file.
 
     A pipe or a device would be waited for or read without end.
+
+    Parameters
+    ----------
+    path : Path
+        The path.
+
+    Returns
+    -------
+    str
+        The reason in words; empty if there is none.
     """
     try:
         mode = path.stat().st_mode
@@ -35,7 +45,20 @@ def why_not_ordinary(path: Path) -> str:
 
 
 def must_have_few_rows(path: Path, rows: int) -> None:
-    """Refuse a table of more than `MOST_ROWS`."""
+    """Refuse a table of more than `MOST_ROWS`.
+
+    Parameters
+    ----------
+    path : Path
+        The table.
+    rows : int
+        Number of its rows.
+
+    Raises
+    ------
+    BadInput
+        If it has more.
+    """
     if rows > MOST_ROWS:
         raise BadInput(f"{path}: has {rows} rows, and at most {MOST_ROWS} are read; keep only the rows of the track.")
 
@@ -81,7 +104,23 @@ def opened(
 
 
 def read_bytes(path: Path, *, advice: str, largest: int | None = None, refuse: type[BadInput] = BadInput) -> bytes:
-    """The content of a file; the arguments and errors are those of `opened`."""
+    """Read the content of a file.
+
+    Parameters
+    ----------
+    path, advice, largest, refuse : Path, str, int, type of BadInput
+        As for `opened`.
+
+    Returns
+    -------
+    bytes
+        The content.
+
+    Raises
+    ------
+    BadInput
+        As `opened` raises it.
+    """
     with opened(path, advice=advice, largest=largest, refuse=refuse) as file:
         return file.read()
 
@@ -90,8 +129,24 @@ def read_bytes(path: Path, *, advice: str, largest: int | None = None, refuse: t
 def decoding(path: Path, what: str, advice: str, refuse: type[BadInput] = UnreadableMedia) -> Iterator[None]:
     """Refuse a file at whose content a library fails; around calls of libraries only.
 
-    Decoders of pictures, films and archives raise errors of every kind at damaged files: assertions, divisions by
-    zero, text that is no text.  What memory or disk lack is no fault of the file and passes through.
+    Decoders of pictures, films and archives raise errors of every kind at damaged files: assertions, divisions by zero,
+    text that is no text.  What memory or disk lack is no fault of the file and passes through.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    what : str
+        What it should be, in words.
+    advice : str
+        What to do, the end of the sentence.
+    refuse : type of BadInput
+        The error that is raised.
+
+    Raises
+    ------
+    BadInput
+        If the library fails.
     """
     try:
         yield
@@ -103,7 +158,20 @@ def decoding(path: Path, what: str, advice: str, refuse: type[BadInput] = Unread
 
 
 def lies_outside(path: Path, folder: Path) -> bool:
-    """Whether a file, links followed, lies outside a folder; of a folder of pictures, whether one of them does."""
+    """Return whether a file, links followed, lies outside a folder.
+
+    Parameters
+    ----------
+    path : Path
+        The file; of a folder of pictures, one of them is enough.
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    bool
+        Whether it does; true also where that cannot be found out.
+    """
     inside = folder.resolve()
     try:
         parts = [path, *path.iterdir()] if path.is_dir() else [path]
@@ -114,7 +182,20 @@ def lies_outside(path: Path, folder: Path) -> bool:
 
 @contextmanager
 def unquoted(path: Path, *, outside: bool) -> Iterator[None]:
-    """Let refusals of a file outside the lab's folder quote nothing of it."""
+    """Let refusals of a file outside the lab's folder quote nothing of it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    outside : bool
+        Whether it lies outside.
+
+    Raises
+    ------
+    BadInput
+        The refusal.
+    """
     try:
         yield
     except BadInput:

@@ -57,8 +57,24 @@ def runge_kutta(
 
 
 def hermite(start: Array, end: Array, slope_start: Array, slope_end: Array, s: Array) -> Array:
-    """Value of the cubic with these ends and end slopes (per step) at the fraction `s` of the step.
+    """Interpolate with the cubic that has these ends and end slopes.
 
+    Parameters
+    ----------
+    start, end : array
+        Values at the ends of the step, of any common shape and unit.
+    slope_start, slope_end : array
+        Slopes there, per step, in the same unit.
+    s : array
+        Fraction of the step [1].
+
+    Returns
+    -------
+    array
+        Values at `s`.
+
+    Examples
+    --------
     >>> float(hermite(0.0, 1.0, 0.0, 0.0, 0.5))
     0.5
     """
@@ -67,8 +83,20 @@ def hermite(start: Array, end: Array, slope_start: Array, slope_end: Array, s: A
 
 
 def hermite_slope(start: Array, end: Array, slope_start: Array, slope_end: Array, s: Array) -> Array:
-    """Slope (per step) of the cubic of `hermite`.
+    """Return the slope of the cubic of `hermite`.
 
+    Parameters
+    ----------
+    start, end, slope_start, slope_end, s : array
+        As for `hermite`.
+
+    Returns
+    -------
+    array
+        Slopes at `s`, per step.
+
+    Examples
+    --------
     >>> float(hermite_slope(0.0, 1.0, 0.0, 0.0, 0.5))
     1.5
     """

@@ -20,7 +20,18 @@ PACKING = 0.6  # part of a poured bed's volume that is beads
 
 
 def no_bead_has(density: float) -> str:
-    """What is odd about a density [kg/m^3] that no bead has; nothing where it is possible."""
+    """Return what is odd about a density that no bead has.
+
+    Parameters
+    ----------
+    density : float
+        The density [kg/m^3].
+
+    Returns
+    -------
+    str
+        A sentence; empty where the density is possible.
+    """
     if AIR_DENSITY < density <= HEAVIEST:
         return ""
     than = "more than any metal" if density > HEAVIEST else "less than the air around it"
@@ -28,7 +39,18 @@ def no_bead_has(density: float) -> str:
 
 
 def no_bead_is(width: float) -> str:
-    """What is odd about a diameter [m] that no particle of a rig has; nothing where it is possible."""
+    """Return what is odd about a diameter that no particle of a rig has.
+
+    Parameters
+    ----------
+    width : float
+        The diameter [m].
+
+    Returns
+    -------
+    str
+        A sentence; empty where the diameter is possible.
+    """
     if THINNEST <= width <= WIDEST:
         return ""
     limit = f"more than {WIDEST:g} m" if width > WIDEST else f"less than {1e6 * THINNEST:g} um"
@@ -36,7 +58,18 @@ def no_bead_is(width: float) -> str:
 
 
 def very_small(particle: Particle) -> str:
-    """A remark on a particle thinner than a hair; nothing on others."""
+    """Return a remark on a particle thinner than a hair.
+
+    Parameters
+    ----------
+    particle : Particle
+        The particle; of sizes that differ its typical one counts.
+
+    Returns
+    -------
+    str
+        The remark; empty for others.
+    """
     width = particle.typical.diameter
     if width >= HAIR:
         return ""
@@ -63,7 +96,22 @@ class Material:
         return self.youngs_modulus / (2 * (1 + self.poisson_ratio))
 
     def softened(self, factor: float) -> Material:
-        """The same material with its stiffness multiplied by `factor` (Hlosta et al. 2020, section 2.2.3)."""
+        """Return the same material with another stiffness.
+
+        Parameters
+        ----------
+        factor : float
+            Factor on Young's modulus [1].
+
+        Returns
+        -------
+        Material
+            The other material.
+
+        References
+        ----------
+        Hlosta et al. 2020, section 2.2.3.
+        """
         return replace(self, youngs_modulus=self.youngs_modulus * factor)
 
 
@@ -94,22 +142,22 @@ class Particle:
 
     @property
     def radius(self) -> float:
-        """[m]"""
+        """Half the diameter [m]."""
         return self.diameter / 2
 
     @property
     def radii(self) -> tuple[float, ...]:
-        """Of its spheres [m]."""
+        """Radii of its spheres [m]."""
         return (self.radius,) if self.shape is None else self.shape.radii
 
     @property
     def volume(self) -> float:
-        """[m^3]"""
+        """Volume of the largest particle [m^3]; of a clump that of the union of its spheres."""
         return math.pi / 6 * self.diameter**3 if self.shape is None else self.shape.volume
 
     @property
     def equivalent_diameter(self) -> float:
-        """[m], of the sphere of its volume."""
+        """Diameter of the sphere of its volume [m]."""
         return self.diameter if self.shape is None else (6 * self.volume / math.pi) ** (1 / 3)
 
     @property
@@ -122,24 +170,24 @@ class Particle:
 
     @property
     def effective_density(self) -> float:
-        """[kg/m^3]"""
+        """Density of the particle [kg/m^3], by default that of its material."""
         return self.material.density if self.density is None else self.density
 
     @property
     def mass(self) -> float:
-        """[kg]"""
+        """Mass of the largest particle [kg]."""
         if self.shape is None:
             return self.effective_density * math.pi / 6 * self.diameter**3
         return self.effective_density * self.shape.volume
 
     @property
     def smallest_size(self) -> float:
-        """Of the smallest particle over the largest [1]."""
+        """Size of the smallest particle over the largest [1]."""
         return 1.0 if self.sizes is None else self.sizes.smallest / self.sizes.largest
 
     @property
     def smallest_radius(self) -> float:
-        """Of the smallest sphere of the smallest particle [m]."""
+        """Radius of the smallest sphere of the smallest particle [m]."""
         return min(self.radii) * self.smallest_size
 
     @property
@@ -149,12 +197,12 @@ class Particle:
 
     @property
     def mean_mass(self) -> float:
-        """Over all particles, by number [kg]."""
+        """Mean mass over all particles, by number [kg]."""
         return self.mass * self.mean_cube
 
     @property
     def mean_volume(self) -> float:
-        """Over all particles, by number [m^3]."""
+        """Mean volume over all particles, by number [m^3]."""
         return self.volume * self.mean_cube
 
     @property
@@ -166,9 +214,16 @@ class Particle:
 
     @property
     def rayleigh_time_step(self) -> float:
-        """Rayleigh time step [s] (Hlosta et al. 2020, eq. 7).
+        """Rayleigh time step [s].
 
-        pi R / (0.163 nu + 0.8766) sqrt(rho / G), R the radius of the smallest sphere
+        Returns
+        -------
+        float
+            pi R / (0.163 nu + 0.8766) sqrt(rho / G), R the radius of the smallest sphere [s].
+
+        References
+        ----------
+        Hlosta et al. 2020, eq. 7.
         """
         nu = self.material.poisson_ratio
         return (
@@ -182,10 +237,34 @@ class Particle:
 def clumped(
     name: str, material: Material, shape: Clump, *, density: float | None = None, mass: float | None = None
 ) -> Particle:
-    """A rigid clump of spheres.
+    """Return a rigid clump of spheres as a particle.
 
-    With `mass` [kg] that of the real particle is kept, whatever the volume of the clump (Hlosta et al. 2020, section
-    2.2.2); with `density` [kg/m^3] that of the union is given; with neither it is the material's.
+    Parameters
+    ----------
+    name : str
+        Its name.
+    material : Material
+        Its material.
+    shape : Clump
+        Its spheres.
+    density : float, optional
+        Density over the volume of the union [kg/m^3].  Default: that of the material.
+    mass : float, optional
+        In place of `density`: mass of the real particle [kg], which is kept whatever the volume of the clump.
+
+    Returns
+    -------
+    Particle
+        The particle.
+
+    Raises
+    ------
+    BadInput
+        If density and mass are both given, or one is not positive.
+
+    References
+    ----------
+    Hlosta et al. 2020, section 2.2.2.
     """
     if mass is not None:
         if density is not None:
@@ -196,7 +275,20 @@ def clumped(
 
 
 def scaled(particle: Particle, factor: float) -> Particle:
-    """The same body with all lengths times a factor, at the same density."""
+    """Return the same body with all lengths times a factor, at the same density.
+
+    Parameters
+    ----------
+    particle : Particle
+        The particle.
+    factor : float
+        The factor [1].
+
+    Returns
+    -------
+    Particle
+        The other particle.
+    """
     sizes = None if particle.sizes is None else particle.sizes.scaled(factor)
     if particle.shape is None:
         return replace(particle, diameter=particle.diameter * factor, sizes=sizes)
@@ -205,8 +297,22 @@ def scaled(particle: Particle, factor: float) -> Particle:
 
 
 def sized(particle: Particle, sizes: Sizes) -> Particle:
-    """The particle in these sizes: diameters of a sphere, of a clump those of the sphere of its volume.
+    """Return a particle in several sizes.
 
+    Parameters
+    ----------
+    particle : Particle
+        The particle, of any size.
+    sizes : Sizes
+        Diameters of a sphere, of a clump those of the sphere of its volume [m].
+
+    Returns
+    -------
+    Particle
+        The largest of the sizes.
+
+    Examples
+    --------
     >>> from rigtwin.lab.size_distributions import uniform
     >>> bead = sized(Particle("bead", Material("ash", 720, 11e9, 0.44), 6e-3), uniform(3e-3, 5e-3))
     >>> bead.diameter, round(bead.typical.diameter, 5)
@@ -249,17 +355,54 @@ class KnownContact:
     rolling_friction: float | None = None  # [1]
 
     def missing(self, needs: Sequence[str] = PARAMETERS) -> tuple[str, ...]:
-        """Which of the parameters in `needs` are not known."""
+        """Return which parameters are not known.
+
+        Parameters
+        ----------
+        needs : sequence of str
+            The parameters that are asked for.
+
+        Returns
+        -------
+        tuple of str
+            Those that are not known.
+        """
         return tuple(name for name in needs if getattr(self, name) is None)
 
     def filled(self, other: KnownContact | Contact) -> KnownContact:
-        """This contact with its gaps filled from `other`."""
+        """Return this contact with its gaps filled.
+
+        Parameters
+        ----------
+        other : KnownContact or Contact
+            What fills them.
+
+        Returns
+        -------
+        KnownContact
+            The filled contact.
+        """
         return KnownContact(**{name: _first(getattr(self, name), getattr(other, name)) for name in PARAMETERS})
 
     def complete(self, needs: Sequence[str] = PARAMETERS, *, name: str = "contact") -> Contact:
-        """The contact to simulate with; a parameter outside `needs` that is not known is zero (restitution: one).
+        """Return the contact to simulate with.
 
-        Raises `BadInput` naming the contact `name` and the first parameter that is needed and not known.
+        Parameters
+        ----------
+        needs : sequence of str
+            Parameters that must be known; any other that is not known is zero (restitution: one).
+        name : str
+            Name of the contact, for the error message.
+
+        Returns
+        -------
+        Contact
+            The contact.
+
+        Raises
+        ------
+        TwinLacks
+            If a needed parameter is not known.
         """
         if gaps := self.missing(needs):
             raise TwinLacks(f"the {gaps[0]} of the contact {name} is not known; give it under [contacts.{name}].")
@@ -271,8 +414,20 @@ class KnownContact:
 
 
 def pair(a: str, b: str) -> Pair:
-    """The key of a contact, the same for either order of names.
+    """Return the key of a contact, the same for either order of names.
 
+    Parameters
+    ----------
+    a, b : str
+        Names of the two sides.
+
+    Returns
+    -------
+    tuple of str
+        The names, sorted.
+
+    Examples
+    --------
     >>> pair("steel", "D6")
     ('D6', 'steel')
     """

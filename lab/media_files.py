@@ -13,6 +13,17 @@ SOUNDS = (".wav", ".flac", ".mp3", ".m4a", ".aac", ".ogg", ".opus")
 
 
 def in_order(file: Path) -> tuple[list[Any], str]:
-    """Natural sort key: img2 before img10."""
+    """Return a key that sorts files naturally: img2 before img10.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+
+    Returns
+    -------
+    tuple
+        The key.
+    """
     parts = re.split(r"(\d+)", file.name.lower())
     return [(int(part) if part.isdigit() else 0, part) for part in parts], file.name

@@ -63,7 +63,18 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let an error of the system that names no file, or a temporary one, name the file that was to be written."""
+    """Let an error of the system that names no file, or a temporary one, name the file that was to be written.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Raises
+    ------
+    OSError
+        The error, with this name.
+    """
     try:
         yield
     except OSError as error:
@@ -114,7 +125,17 @@ def claimed_folder(folder: Path, refusal: str) -> Iterator[None]:
 def claimed_file(file: Path, refusal: str) -> Iterator[None]:
     """Keep a file that is written again and again from two runs at once; beside it stands ``NAME.lock`` meanwhile.
 
-    Parameters and errors are those of `claimed_folder`.
+    Parameters
+    ----------
+    file : Path
+        The file; its folder is made.
+    refusal : str
+        The message where another run writes it.
+
+    Raises
+    ------
+    Claimed
+        As `claimed_folder` raises it.
     """
     lock = file.with_name(f"{file.name}.lock")
     with naming(file):
@@ -130,7 +151,13 @@ def claimed_file(file: Path, refusal: str) -> Iterator[None]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files of runs that were killed; only for a folder that is `claimed`."""
+    """Remove temporary files of runs that were killed.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder that is claimed.
+    """
     with suppress(OSError):
         for file in folder.iterdir():
             if _TEMPORARY.fullmatch(file.name):

@@ -13,4 +13,10 @@ class Progress(Protocol):
 
 
 def silent(stage: str, done: float, total: float) -> None:
-    """No progress shown."""
+    """Show no progress.
+
+    Parameters
+    ----------
+    stage, done, total : str, float, float
+        As for `Progress`.
+    """

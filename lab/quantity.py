@@ -83,8 +83,20 @@ class Quantity:
 
 
 def root_sum_of_squares(budget: dict[str, float]) -> float:
-    """Standard uncertainty from its independent named parts.
+    """Return the standard uncertainty from its independent named parts.
 
+    Parameters
+    ----------
+    budget : dict of str to float
+        The parts, in one unit.
+
+    Returns
+    -------
+    float
+        In the same unit.
+
+    Examples
+    --------
     >>> root_sum_of_squares({"tracking": 3.0, "scale": 4.0})
     5.0
     """
@@ -94,6 +106,20 @@ def root_sum_of_squares(budget: dict[str, float]) -> float:
 def doubted(quantity: Quantity, why: str) -> Quantity:
     """Return the quantity marked doubtful, with a wider uncertainty: a fit does not know the effect of a failed check.
 
+    Parameters
+    ----------
+    quantity : Quantity
+        The quantity.
+    why : str
+        The reason; empty: nothing changes.
+
+    Returns
+    -------
+    Quantity
+        With twice its standard uncertainty as a further part of its budget.
+
+    Examples
+    --------
     >>> e = Quantity("restitution_wall", 0.44, 0.01, "1", "height", budget={"tracking": 0.01})
     >>> e = doubted(e, "two beads fall")
     >>> e.doubtful, round(e.std_uncertainty, 4)
@@ -110,6 +136,18 @@ def doubted(quantity: Quantity, why: str) -> Quantity:
 def in_a_row(reasons: Iterable[str]) -> str:
     """Join reasons why a number is doubtful, each once; the full stops of messages are removed.
 
+    Parameters
+    ----------
+    reasons : iterable of str
+        The reasons; empty ones are left out.
+
+    Returns
+    -------
+    str
+        The reasons, separated by semicolons.
+
+    Examples
+    --------
     >>> in_a_row(["it leans.", "", "it is dark", "it leans."])
     'it leans; it is dark'
     """
@@ -127,6 +165,7 @@ class Check:
     message: str
 
     def to_json(self) -> dict[str, Any]:
+        """The check as JSON data."""
         return {
             "check": self.check,
             "passed": bool(self.passed),
@@ -137,8 +176,22 @@ class Check:
 
 
 def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str:
-    """What failed checks say against a number that rests on those named, or on all; empty where they passed.
+    """Return what failed checks say against a number.
 
+    Parameters
+    ----------
+    checks : iterable of Check
+        The checks.
+    among : collection of str, optional
+        Names of those that the number rests on.  Default: all.
+
+    Returns
+    -------
+    str
+        Their messages; empty where they passed.
+
+    Examples
+    --------
     >>> shaken = Check("static_camera", False, 5.0, 0.0, "the camera shook")
     >>> failed([shaken], {"static_camera", "gravity"}), failed([shaken], {"gravity"})
     ('the camera shook', '')
@@ -195,7 +248,24 @@ class Readable:
         raise BadInput(f"{name}: {what}; there are {there}.")
 
     def value(self, name: str, method: str | None = None, **detail: Detail) -> float:
-        """Return the value of one quantity in its unit; parameters and errors as in `quantity`.
+        """Return the value of one quantity.
+
+        Parameters
+        ----------
+        name, method : str
+            As for `quantity`.
+        **detail : str, int, float or bool
+            As for `quantity`.
+
+        Returns
+        -------
+        float
+            The value, in the unit of the quantity.
+
+        Raises
+        ------
+        rigtwin.lab.errors.BadInput
+            As `quantity` raises it.
 
         Examples
         --------

@@ -50,7 +50,15 @@ class Series:
 
 
 def write_tracks(path: Path, tracks: Sequence[Track]) -> None:
-    """Write tracks as ``time_s,x_m,y_m,sigma_m,particle``, one row per body and time; 9 significant digits."""
+    """Write tracks as ``time_s,x_m,y_m,sigma_m,particle``, one row per body and time; 9 significant digits.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    tracks : sequence of Track
+        The tracks.
+    """
     rows = [
         (f"{t:.9g}", f"{x:.9g}", f"{y:.9g}", f"{sigma:.3g}", track.body)
         for track in tracks
@@ -60,13 +68,31 @@ def write_tracks(path: Path, tracks: Sequence[Track]) -> None:
 
 
 def write_profile(path: Path, profile: Profile) -> None:
-    """Write a profile as ``x_m,height_m,sigma_m``; the base's edges and the view are not kept."""
+    """Write a profile as ``x_m,height_m,sigma_m``; the base's edges and the view are not kept.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    profile : Profile
+        The profile.
+    """
     points = zip(profile.x, profile.height, profile.sigma, strict=True)
     _write(path, ("x_m", "height_m", "sigma_m"), [(f"{x:.9g}", f"{h:.9g}", f"{sigma:.3g}") for x, h, sigma in points])
 
 
 def write_profiles(path: Path, profiles: Sequence[Profile], times: Array) -> None:
-    """Write a surface over time as ``time_s,x_m,height_m,sigma_m``, one row per time and place where it is seen."""
+    """Write a surface over time as ``time_s,x_m,height_m,sigma_m``, one row per time and place where it is seen.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    profiles : sequence of Profile
+        The surface at each time.
+    times : Array, shape (n,)
+        The times [s].
+    """
     rows = [
         (f"{time:.9g}", f"{x:.9g}", f"{height:.9g}", f"{sigma:.3g}")
         for time, profile in zip(times, profiles, strict=True)
@@ -77,7 +103,15 @@ def write_profiles(path: Path, profiles: Sequence[Profile], times: Array) -> Non
 
 
 def write_series(path: Path, series: Series) -> None:
-    """Write a series as ``time_s`` and its quantity with the unit behind it, like ``mass_left_kg``."""
+    """Write a series as ``time_s`` and its quantity with the unit behind it, like ``mass_left_kg``.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    series : Series
+        The series.
+    """
     named = series.quantity if series.unit == "1" else f"{series.quantity}_{series.unit}"
     pairs = zip(series.time, series.value, strict=True)
     _write(path, ("time_s", named), [(f"{time:.9g}", f"{value:.9g}") for time, value in pairs])

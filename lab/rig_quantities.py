@@ -108,8 +108,20 @@ _OF_RIG: dict[str, dict[str, RigQuantity]] = {
 
 
 def quantities_of(rig: RigSettings) -> Mapping[str, RigQuantity]:
-    """Quantities of an experiment's rig by name.
+    """Return the quantities of an experiment's rig.
 
+    Parameters
+    ----------
+    rig : RigSettings
+        Settings of the rig.
+
+    Returns
+    -------
+    mapping of str to RigQuantity
+        By name.
+
+    Examples
+    --------
     >>> from rigtwin.lab.rigs import TiltSettings
     >>> list(quantities_of(TiltSettings("roll")))
     ['rolling_friction', 'rolling_friction_angle']

@@ -159,10 +159,27 @@ class DropSettings(_Settings):
 
     @property
     def particles_touch(self) -> bool:
+        """False: one bead falls."""
         return False
 
     def rig(self, measured_drop_height: float | None = None) -> Drop:
-        """The rig of the twin; a height stated in the lab file goes before the measured one."""
+        """Return the rig of the twin; a height stated in the lab file goes before the measured one.
+
+        Parameters
+        ----------
+        measured_drop_height : float, optional
+            Measured drop height [m].
+
+        Returns
+        -------
+        Drop
+            The rig.
+
+        Raises
+        ------
+        TwinLacks
+            If the height is neither stated nor measured.
+        """
         height = _stated("drop_height", self.drop_height, measured_drop_height)
         return Drop(drop_height=height, bounces=self.bounces, turned=self.turned)
 
@@ -182,10 +199,27 @@ class PendulumSettings(_Settings):
 
     @property
     def particles_touch(self) -> bool:
+        """Whether two beads collide."""
         return self.variant == "double"
 
     def rig(self, measured_release_angle: float | None = None) -> Pendulum:
-        """The rig of the twin; an angle stated in the lab file goes before the measured one."""
+        """Return the rig of the twin; an angle stated in the lab file goes before the measured one.
+
+        Parameters
+        ----------
+        measured_release_angle : float, optional
+            Measured release angle [rad].
+
+        Returns
+        -------
+        Pendulum
+            The rig.
+
+        Raises
+        ------
+        TwinLacks
+            If the angle is neither stated nor measured.
+        """
         angle = _stated("release_angle", self.release_angle, measured_release_angle)
         return Pendulum(self.length, angle, self.variant, self.hanger, self.rod_mass)
 
@@ -227,6 +261,7 @@ class TiltSettings(_Settings):
 
     @property
     def particles_touch(self) -> bool:
+        """False: one body lies on the plate."""
         return False
 
     def rig(self) -> Tilt:

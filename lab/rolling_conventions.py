@@ -19,11 +19,31 @@ ARMS = get_args(Arm)
 
 
 def rolling_friction(coefficient: float, radius: float, other: float = math.inf, *, arm: Arm) -> float:
-    """The coefficient that, with this `arm`, limits the torque on a sphere of `radius` [m] as `coefficient` does here.
+    """Convert a coefficient of rolling friction to another code's convention.
 
-    `other` is the radius [m] of the sphere it touches, infinite for a wall.  Raises `BadInput` for the effective
-    radius between unequal spheres: there both feel one torque, here each its own.
+    Parameters
+    ----------
+    coefficient : float
+        The coefficient here [1].
+    radius : float
+        Radius of the sphere [m].
+    other : float
+        Radius [m] of the sphere it touches, infinite for a wall.
+    arm : {"own radius", "effective radius"}
+        What the other code multiplies mu_r F_n by.
 
+    Returns
+    -------
+    float
+        The coefficient [1] that limits the torque on the sphere there as `coefficient` does here.
+
+    Raises
+    ------
+    BadInput
+        For the effective radius between unequal spheres: there both feel one torque, here each its own.
+
+    Examples
+    --------
     >>> rolling_friction(0.08, 3e-3, 3e-3, arm="effective radius")
     0.16
     >>> rolling_friction(0.06, 3e-3, arm="effective radius")

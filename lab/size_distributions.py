@@ -55,24 +55,47 @@ class Sizes:
 
     @property
     def largest(self) -> float:
-        """[m]"""
+        """Largest diameter [m]."""
         return self.diameters[-1]
 
     @property
     def smallest(self) -> float:
-        """[m]"""
+        """Smallest diameter [m]."""
         return self.diameters[0]
 
     def mean_power(self, power: int) -> float:
-        """Mean of the diameters to a power [m^power], by number.
+        """Return the mean of the diameters to a power, by number.
 
+        Parameters
+        ----------
+        power : int
+            The power.
+
+        Returns
+        -------
+        float
+            The mean [m^power].
+
+        Examples
+        --------
         >>> round(uniform(4e-3, 6e-3).mean_power(1), 6)
         0.005
         """
         return self.mean(lambda d: d**power)
 
     def mean(self, function: Callable[[Array], Array]) -> float:
-        """Mean of a smooth function of the diameter, by number."""
+        """Return the mean of a smooth function of the diameter, by number.
+
+        Parameters
+        ----------
+        function : callable
+            Takes diameters [m] as an array and returns one of the same shape.
+
+        Returns
+        -------
+        float
+            The mean, in the unit of the function.
+        """
         import numpy as np
 
         d, shares = np.array(self.diameters), np.diff(self.shares)
@@ -83,7 +106,7 @@ class Sizes:
 
     @property
     def median_by_mass(self) -> float:
-        """[m], half the mass is that of smaller particles."""
+        """Diameter [m] up to which particles have half of the mass."""
         import numpy as np
 
         d = np.array(self.diameters)
@@ -96,7 +119,18 @@ class Sizes:
         return float((a[at] ** 4 + part * (b[at] ** 4 - a[at] ** 4)) ** 0.25)
 
     def classes(self, most: int = 10) -> list[tuple[float, float]]:
-        """Diameter [m] of equal particles and share of the mass, of each of at most so many classes."""
+        """Return classes of equal particles that stand for the distribution.
+
+        Parameters
+        ----------
+        most : int
+            Largest number of classes.
+
+        Returns
+        -------
+        list of tuple of float
+            Diameter [m] and share of the mass [1] of each class.
+        """
         import numpy as np
 
         if self.diameters[::2] == self.diameters[1::2] and len(self.diameters) <= 2 * most:
@@ -114,20 +148,63 @@ class Sizes:
         return list(zip(diameters.tolist(), (cubes[held] / cubes.sum()).tolist(), strict=True))
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """`count` diameters [m]: one at random in each of so many equal shares of the number, in random order."""
+        """Draw diameters: one at random in each of so many equal shares of the number, in random order.
+
+        Parameters
+        ----------
+        count : int
+            Number of diameters.
+        rng : numpy.random.Generator
+            Source of the numbers.
+
+        Returns
+        -------
+        Array, shape (count,)
+            Diameters [m].
+        """
         import numpy as np
 
         shares = (rng.permutation(count) + rng.random(count)) / max(count, 1)
         return np.interp(shares, self.shares, self.diameters)
 
     def scaled(self, factor: float) -> Sizes:
-        """All diameters times a factor."""
+        """Return the distribution with all diameters times a factor.
+
+        Parameters
+        ----------
+        factor : float
+            The factor [1].
+
+        Returns
+        -------
+        Sizes
+            The other distribution.
+        """
         return Sizes(tuple(factor * one for one in self.diameters), self.shares, self.law)
 
 
 def uniform(smallest: float, largest: float, *, by: By = "number") -> Sizes:
-    """All diameters [m] between two alike often.
+    """Return diameters between two ends, all alike often.
 
+    Parameters
+    ----------
+    smallest, largest : float
+        The ends [m].
+    by : {"number", "mass"}
+        What is spread evenly over the diameters.
+
+    Returns
+    -------
+    Sizes
+        The distribution.
+
+    Raises
+    ------
+    BadInput
+        If the ends are not possible.
+
+    Examples
+    --------
     >>> uniform(4e-3, 6e-3).smallest
     0.004
     """
@@ -140,7 +217,27 @@ def uniform(smallest: float, largest: float, *, by: By = "number") -> Sizes:
 def normal(
     mean: float, std: float, *, by: By = "number", smallest: float | None = None, largest: float | None = None
 ) -> Sizes:
-    """Normally distributed diameters [m], cut off at three standard deviations or at the given ends."""
+    """Return normally distributed diameters, cut off at three standard deviations or at the given ends.
+
+    Parameters
+    ----------
+    mean, std : float
+        Mean and standard deviation [m].
+    by : {"number", "mass"}
+        What is distributed like this.
+    smallest, largest : float, optional
+        The ends [m].
+
+    Returns
+    -------
+    Sizes
+        The distribution.
+
+    Raises
+    ------
+    BadInput
+        If a number is not possible, or nothing lies between the ends.
+    """
     if not (mean > 0 and std > 0):
         raise BadInput("sizes: mean and standard deviation must be positive.")
     low = mean - CUT * std if smallest is None else smallest
@@ -156,9 +253,30 @@ def normal(
 def lognormal(
     median: float, spread: float, *, by: By = "number", smallest: float | None = None, largest: float | None = None
 ) -> Sizes:
-    """Diameters [m] whose logarithm is normally distributed with standard deviation `spread`.
+    """Return diameters whose logarithm is normally distributed.
 
-    Cut off at three standard deviations or at the given ends.
+    They are cut off at three standard deviations or at the given ends.
+
+    Parameters
+    ----------
+    median : float
+        Median [m].
+    spread : float
+        Standard deviation of the natural logarithm [1].
+    by : {"number", "mass"}
+        What is distributed like this.
+    smallest, largest : float, optional
+        The ends [m].
+
+    Returns
+    -------
+    Sizes
+        The distribution.
+
+    Raises
+    ------
+    BadInput
+        If a number is not possible, or nothing lies between the ends.
     """
     import numpy as np
 
@@ -171,7 +289,27 @@ def lognormal(
 
 
 def listed(diameters: Sequence[float], shares: Sequence[float], *, by: By = "mass") -> Sizes:
-    """Classes of equal particles: diameters [m], and the share of each."""
+    """Return classes of equal particles.
+
+    Parameters
+    ----------
+    diameters : sequence of float
+        Diameter of each class [m].
+    shares : sequence of float
+        Share of each, in any unit.
+    by : {"number", "mass"}
+        Of what they are shares.
+
+    Returns
+    -------
+    Sizes
+        The distribution.
+
+    Raises
+    ------
+    BadInput
+        If a number is not possible, or two diameters are equal.
+    """
     import numpy as np
 
     if not (len(diameters) == len(shares) > 0):
@@ -190,9 +328,28 @@ def listed(diameters: Sequence[float], shares: Sequence[float], *, by: By = "mas
 
 
 def sieved(meshes: Sequence[float], masses: Sequence[float], *, by: By = "mass") -> Sizes:
-    """Sizes from a sieving: `masses` [kg, or shares] between neighbouring `meshes` [m].
+    """Return sizes from a sieving.
 
-    Within a class the mass is spread evenly over the diameters; by number the small ones count as 1 / d^3.
+    Within a class number or mass is spread evenly over the diameters.
+
+    Parameters
+    ----------
+    meshes : sequence of float
+        Widths of the meshes [m], rising.
+    masses : sequence of float
+        What lies between neighbouring meshes, one less than these: [kg], or shares.
+    by : {"number", "mass"}
+        Of what they are shares.
+
+    Returns
+    -------
+    Sizes
+        The distribution.
+
+    Raises
+    ------
+    BadInput
+        If a number is not possible.
     """
     import numpy as np
 

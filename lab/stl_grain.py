@@ -62,16 +62,31 @@ class SphereFilling:
 
 
 def read_stl(path: Path, unit: float) -> Trimesh:
-    """The closed body of an STL file whose lengths are in `unit` [m].
+    """Read the closed body of an STL file.
 
-    Raises `BadInput` if the file cannot be read, has too many facets, or is not one closed body.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    unit : float
+        Length of 1 in the file [m].
+
+    Returns
+    -------
+    Trimesh
+        The body, in metres.
+
+    Raises
+    ------
+    BadInput
+        If the file cannot be read, has too many facets, or is not one closed body.
     """
     mesh = stl_facets(path, unit, "give a closed body as STL, binary or text")
-    check_body(mesh, str(path))
+    _check_body(mesh, str(path))
     return mesh
 
 
-def check_body(mesh: Trimesh, name: str) -> None:
+def _check_body(mesh: Trimesh, name: str) -> None:
     """Raise `BadInput` if a mesh is not one closed body that spheres can fill."""
     import numpy as np
     from trimesh.repair import broken_faces
@@ -134,7 +149,7 @@ def filled(mesh: Trimesh, *, spheres: int | None = None, error: float | None = N
         raise BadInput("clump: give either a number of spheres or an error.")
     if spheres is not None and not 1 <= spheres <= MOST_SPHERES:
         raise BadInput(f"clump: {spheres} spheres are not possible; give 1 to {MOST_SPHERES}.")
-    check_body(mesh, "clump")
+    _check_body(mesh, "clump")
     body = _Body(mesh)
     if error is None:
         assert spheres is not None
@@ -167,7 +182,25 @@ def _thick_enough(found: SphereFilling) -> SphereFilling:
 
 
 def filled_file(path: Path, unit: float, *, spheres: int | None = None, error: float | None = None) -> SphereFilling:
-    """The clump in place of the body of an STL file, by default of `STL_SPHERES`; computed once for a file's state."""
+    """Return the clump in place of the body of an STL file; computed once for a file's state.
+
+    Parameters
+    ----------
+    path, unit : Path, float
+        As for `read_stl`.
+    spheres, error : int, float, optional
+        As for `filled`.  Default: `STL_SPHERES` spheres.
+
+    Returns
+    -------
+    SphereFilling
+        As `filled` returns it.
+
+    Raises
+    ------
+    BadInput
+        As `read_stl` and `filled` raise it.
+    """
     try:
         state = path.stat()
         changed = state.st_size, state.st_mtime_ns

@@ -54,12 +54,30 @@ _ANGULAR = re.compile("radian|degree|turn|revolution|arcminute|arcsecond|grade")
 
 
 def si(text: str | float | int, dimension: str, *, name: str = "value") -> float:
-    """A quantity as a float in SI.
+    """Return a quantity as a float in SI.
 
-    `text` is a number with a unit; a bare number is taken as SI, but for a speed of turning, which a person writes in
-    turns a minute or in degrees a second.  Raises `BadQuantity` naming `name` when the text is no quantity, is not
-    finite, or has another dimension.
+    Parameters
+    ----------
+    text : str, float or int
+        A number with a unit.  A bare number is taken as SI, but for a speed of turning, which a person writes in turns
+        a minute or in degrees a second.
+    dimension : str
+        One of `DIMENSIONS`.
+    name : str
+        What errors name.
 
+    Returns
+    -------
+    float
+        The value in SI.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is no quantity, is not finite, or has another dimension.
+
+    Examples
+    --------
     >>> si("6.2 mm", "length")
     0.0062
     >>> round(si("3 rpm", "angular_speed"), 6)

@@ -124,7 +124,7 @@ def run(
     # the time step follows from the lowest restitution
     bench = Bench(rig, particle, wall, contact, min((c for _, c in made_of.values()), key=_restitution), numerics)
     bulk = bench.bulk_of([_wall(rig, name, walls[name], *made_of[name], bench) for name in walls], domain)
-    regions = regions_of(rig, particle)
+    regions = _regions_of(rig, particle)
     source, state = Pouring(rig), _RunState(random=np.random.default_rng(seed))
     clock = _Clock(rig, bulk.time_step)
     stated = {name: [asdict(one) for one in pair] for name, pair in made_of.items()}
@@ -152,7 +152,7 @@ def run(
     return _course_of(
         rig, particle, state, bulk.beads(), state.remaining(bulk.grains(), domain), asked=count, time=bulk.time,
         statistics=logbook.statistics(), history=logbook.history,
-        assumptions={**assumptions_of(rig, particle), **bench.assumptions()}, warnings=bench.warnings(bulk, logbook),
+        assumptions={**_assumptions_of(rig, particle), **bench.assumptions()}, warnings=bench.warnings(bulk, logbook),
     )  # fmt: skip
 
 
@@ -176,7 +176,7 @@ def replayed(rig: CustomRig, particle: Particle, frames: Sequence[Frame], *, ask
         As `run` returns it.
     """
     state, domain = _RunState(random=np.random.default_rng(0), placed=placed), domain_of(rig, particle)
-    regions = regions_of(rig, particle)
+    regions = _regions_of(rig, particle)
     before: Grains | None = None
     last = 0.0
     for frame in frames:
@@ -188,12 +188,23 @@ def replayed(rig: CustomRig, particle: Particle, frames: Sequence[Frame], *, ask
     state.at_rest = filling.resting(now, particle)
     return _course_of(
         rig, particle, state, frame.beads(particle), now, asked=asked, time=frame.time,
-        statistics={}, history=None, assumptions=assumptions_of(rig, particle), warnings=(),
+        statistics={}, history=None, assumptions=_assumptions_of(rig, particle), warnings=(),
     )  # fmt: skip
 
 
 def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
-    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
+    """Refuse settings that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    rig, particle, count : CustomRig, Particle, int
+        As for `run`.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     positive(duration=rig.duration, interval=rig.interval)
     if count < 1:
         raise BadInput(f"count: {count} particles fill no rig; give at least 1.")
@@ -238,13 +249,24 @@ def _restitution(contact: Contact) -> float:
 
 
 def shapes(rig: CustomRig) -> dict[str, Mesh]:
-    """The walls at their places at the start, by name."""
+    """Return the walls at their places at the start.
+
+    Parameters
+    ----------
+    rig : CustomRig
+        Its walls are read from their STL files.
+
+    Returns
+    -------
+    dict of str to Mesh
+        The walls by name.
+    """
     from rigtwin.sim.engine.walls.mesh import Mesh
 
-    return {name: Mesh(corners_of(wall), name=f"walls.{name}") for name, wall in rig.walls.items()}
+    return {name: Mesh(_corners_of(wall), name=f"walls.{name}") for name, wall in rig.walls.items()}
 
 
-def corners_of(wall: StlWall) -> Array:
+def _corners_of(wall: StlWall) -> Array:
     """Triangles [m] of a wall, shape (n, 3, 3)."""
     return _corners(wall.stl, wall.unit, wall.sha256)
 
@@ -257,7 +279,18 @@ def _corners(stl: str, unit: float, _sha256: str) -> Array:
 
 
 def motion_of(wall: StlWall) -> Motion | None:
-    """Motion of a wall as the engine takes it; None where it rests."""
+    """Return the motion of a wall as the engine takes it.
+
+    Parameters
+    ----------
+    wall : StlWall
+        The wall.
+
+    Returns
+    -------
+    Motion or None
+        None where the wall rests.
+    """
     from rigtwin.sim.engine.walls.shapes import Motion
 
     if not wall.moves:
@@ -278,7 +311,18 @@ def _wall(rig: CustomRig, name: str, mesh: Mesh, material: Material, contact: Co
 
 
 def domain_of(rig: CustomRig, particle: Particle) -> tuple[Array, Array]:
-    """Corners [m] of the domain, stated or about all that is in it."""
+    """Return the domain of a simulation, stated or about all that is in it.
+
+    Parameters
+    ----------
+    rig, particle : CustomRig, Particle
+        As for `run`.
+
+    Returns
+    -------
+    low, high : Array, shape (3,)
+        Its corners [m].
+    """
     if rig.low is not None and rig.high is not None:
         return np.array(rig.low), np.array(rig.high)
     points = [np.array([rig.fill.low, rig.fill.high]), *(poses(rig, wall) for wall in rig.walls.values())]
@@ -287,8 +331,21 @@ def domain_of(rig: CustomRig, particle: Particle) -> tuple[Array, Array]:
 
 
 def poses(rig: CustomRig, wall: StlWall) -> Array:
-    """Points [m], shape (n, 3), in whose box a wall stays until it is removed or the run ends."""
-    corners, motion = corners_of(wall).reshape(-1, 3), motion_of(wall)
+    """Return points in whose box a wall stays until it is removed or the run ends.
+
+    Parameters
+    ----------
+    rig : CustomRig
+        Its duration is used.
+    wall : StlWall
+        The wall.
+
+    Returns
+    -------
+    Array, shape (n, 3)
+        The points [m].
+    """
+    corners, motion = _corners_of(wall).reshape(-1, 3), motion_of(wall)
     if motion is None or wall.belt:
         return corners
     lasts = max(min(rig.duration, wall.moves_until) - motion.start, 0.0)
@@ -304,7 +361,22 @@ def poses(rig: CustomRig, wall: StlWall) -> Array:
 
 
 def within(region: Region, points: Array, clear: float = 0.0) -> npt.NDArray[np.bool_]:
-    """Which points [m], shape (n, 3), are in a region and more than `clear` [m] from its sides."""
+    """Return which points are in a region.
+
+    Parameters
+    ----------
+    region : Region
+        The region.
+    points : Array, shape (n, 3)
+        The points [m].
+    clear : float
+        Distance [m] that they keep from its sides.
+
+    Returns
+    -------
+    Array of bool, shape (n,)
+        Whether each is in it.
+    """
     low, high = np.array(region.low), np.array(region.high)
     if region.shape == "box":
         return np.asarray(((points >= low + clear) & (points <= high - clear)).all(axis=1))
@@ -315,7 +387,13 @@ def within(region: Region, points: Array, clear: float = 0.0) -> npt.NDArray[np.
 
 
 class Pouring:
-    """The region in which particles are placed, clear of the walls as they are at `time`."""
+    """The region in which particles are placed, clear of the walls as they are at `time`.
+
+    Parameters
+    ----------
+    rig : CustomRig
+        Walls, region of filling, pour rate and pour speed.
+    """
 
     def __init__(self, rig: CustomRig) -> None:
         self.rig = rig
@@ -328,7 +406,20 @@ class Pouring:
         self._walls = [(mesh, rig.walls[name], motion_of(rig.walls[name])) for name, mesh in shapes(rig).items()]
 
     def inside(self, points: Array, clear: float) -> npt.NDArray[np.bool_]:
-        """Which points [m], shape (n, 3), are in the region and over `clear` [m] from its sides and all walls."""
+        """Return which points are in the region and clear of its sides and all walls.
+
+        Parameters
+        ----------
+        points : Array, shape (n, 3)
+            The points [m].
+        clear : float
+            Distance [m] that they keep.
+
+        Returns
+        -------
+        Array of bool, shape (n,)
+            Whether each is in it and clear.
+        """
         from rigtwin.sim.engine.walls.shapes import gaps
 
         free = within(self.rig.fill, points, clear)
@@ -341,7 +432,20 @@ class Pouring:
         return free
 
     def draw(self, diameter: float, rng: np.random.Generator) -> Array | None:
-        """A random place [m] for a particle of this `diameter` [m]; None where it would touch a wall."""
+        """Draw a random place for a particle.
+
+        Parameters
+        ----------
+        diameter : float
+            Diameter of the particle [m].
+        rng : numpy.random.Generator
+            Source of the numbers.
+
+        Returns
+        -------
+        Array, shape (3,), or None
+            The place [m]; None where the particle would touch a wall.
+        """
         if not self._drawn or self._drawn_for != (self.time, diameter):
             points = rng.uniform(*self.box, (DRAWN, 3))
             free = self.inside(points, diameter / 2)
@@ -378,13 +482,13 @@ def _fill(bulk: Bulk, state: _RunState, source: Pouring, particle: Particle, cou
         filling.scatter_some(bulk, state, count, source.inside, source.box, particle, thrown=THROWN)
     else:
         filling.pour(bulk, state, source, bulk.grains().position, particle, count)
-    if still_to_come(rig, source.time):
+    if _still_to_come(rig, source.time):
         state.patience = 0  # a wall that moves or is taken away may make room
     elif rig.pour_rate is None and state.checks == 1 and not state.placed:
         raise BadInput("fill: no particle finds room in it clear of the walls; give a larger one.")
 
 
-def still_to_come(rig: CustomRig, time: float) -> bool:
+def _still_to_come(rig: CustomRig, time: float) -> bool:
     """Whether a wall moves, or will move or be removed, after `time` [s]."""
     for wall in rig.walls.values():
         removed, stop = (math.inf if when is None else when for when in (wall.removed, wall.stop))
@@ -448,7 +552,7 @@ class _RunState(filling.Course):
 
     def note_rest(self, rig: CustomRig, particle: Particle, grains: Grains, time: float, count: int) -> None:
         """Note whether the particles rest, and whether the run ends here."""
-        waits, resting = still_to_come(rig, time), filling.resting(grains, particle)
+        waits, resting = _still_to_come(rig, time), filling.resting(grains, particle)
         # checks may fall on the turning points of a vibration
         self.quiet = self.quiet + 1 if resting and not any(_shakes(wall, time) for wall in rig.walls.values()) else 0
         self.settled = self.settled + 1 if resting and not waits else 0
@@ -458,7 +562,7 @@ class _RunState(filling.Course):
         self.ended = over and not self.filling(count)
 
 
-def regions_of(rig: CustomRig, particle: Particle) -> dict[str, Region]:
+def _regions_of(rig: CustomRig, particle: Particle) -> dict[str, Region]:
     """The regions that are looked at, by name: those stated, else the domain."""
     if rig.regions:
         return dict(rig.regions)
@@ -467,7 +571,22 @@ def regions_of(rig: CustomRig, particle: Particle) -> dict[str, Region]:
 
 
 def bed_height(region: Region, centres: Array, radii: Array) -> float:
-    """Height [m] of a bed above the floor of a region: that of its uppermost spheres, averaged over the region."""
+    """Return the height of a bed in a region: that of its uppermost spheres, averaged over the region.
+
+    Parameters
+    ----------
+    region : Region
+        The region.
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+
+    Returns
+    -------
+    float
+        Height above the floor of the region [m].
+    """
     (x, y, floor), (to_x, to_y, _) = region.low, region.high
     raised = centres - np.array([(x + to_x) / 2, (y + to_y) / 2, floor])
     if region.shape == "cylinder":
@@ -478,14 +597,14 @@ def bed_height(region: Region, centres: Array, radii: Array) -> float:
     return float(surface_over(sides[0], sides[1], raised, radii).mean())
 
 
-def assumptions_of(rig: CustomRig, particle: Particle) -> dict[str, str]:
+def _assumptions_of(rig: CustomRig, particle: Particle) -> dict[str, str]:
     """What was taken, in words."""
     domain = domain_of(rig, particle)
     stated = "as given" if rig.low is not None else f"walls and fill, and {MARGIN} particle diameters more"
     poured = "at once, those without room as soon as there is some"
     if rig.pour_rate is not None:
         poured = f"{rig.pour_rate:g} per second at {rig.pour_speed:g} m/s downwards"
-    moving = [f"{name}: {motion_in_words(wall)}" for name, wall in rig.walls.items() if wall.moves]
+    moving = [f"{name}: {_motion_in_words(wall)}" for name, wall in rig.walls.items() if wall.moves]
     return {
         "domain": f"{_box(np.array(domain))} ({stated}); gravity along -z",
         "filling": f"placed at random in {_box(np.array([rig.fill.low, rig.fill.high]))}, clear of the walls; {poured}",
@@ -493,7 +612,7 @@ def assumptions_of(rig: CustomRig, particle: Particle) -> dict[str, str]:
     }
 
 
-def motion_in_words(wall: StlWall) -> str:
+def _motion_in_words(wall: StlWall) -> str:
     """The motion of a wall."""
     said = []
     if any(wall.velocity):
@@ -525,7 +644,7 @@ def _course_of(
     assumptions: dict[str, str],
     warnings: tuple[str, ...],
 ) -> Course:
-    regions = regions_of(rig, particle)
+    regions = _regions_of(rig, particle)
     times, *columns = np.array(state.rows).T
     named = [(f"{what}_in_{name}", unit) for name in regions for what, unit in (("particles", "1"), ("mass", "kg"))]
     named += [("mass_discharged", "kg"), ("kinetic_energy", "J")]
@@ -547,7 +666,7 @@ def _course_of(
             f"{state.escaped} of {state.placed} particles left through a side or the top of the domain; "
             "close the walls there, or give a larger domain (low, high)"
         )
-    if rig.end == "at rest" and still_to_come(rig, time):
+    if rig.end == "at rest" and _still_to_come(rig, time):
         said.append(
             "a wall still moved, or was still to be removed, when the time limit was reached; raise duration, or give "
             "its motion a stop"
@@ -579,14 +698,27 @@ def _course_of(
 
 
 def picture(rig: CustomRig, course: Course) -> npt.NDArray[np.uint8]:
-    """RGB image of the walls and the particles at the end."""
+    """Draw the walls that are there, and the particles, at the end.
+
+    Parameters
+    ----------
+    rig : CustomRig
+        As for `run`.
+    course : Course
+        The run.
+
+    Returns
+    -------
+    Array, shape (height, width, 3)
+        RGB image.
+    """
     from rigtwin.sim.output.picture import draw
 
     shown = []
     for wall in rig.walls.values():
         if wall.removed is not None and wall.removed <= course.time:
             continue
-        corners, motion = corners_of(wall), motion_of(wall)
+        corners, motion = _corners_of(wall), motion_of(wall)
         if motion is not None:
             corners = motion.done(corners.reshape(-1, 3), course.time).reshape(-1, 3, 3)
         shown.append(corners)

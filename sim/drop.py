@@ -95,9 +95,26 @@ def run(
 def run_many(
     trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
 ) -> list[Track | RigtwinError]:
-    """Paths of many beads, each as `run` returns it, in one launch over `threads` (None: all cores).
+    """Simulate many drops in one launch.
 
-    The result of a trial that breaks down is its error.
+    Parameters
+    ----------
+    trials : sequence of Trial
+        The drops.
+    threads : int, optional
+        Number of threads.  Default: all cores.
+    progress : Progress
+        Callback for the progress display.
+
+    Returns
+    -------
+    list of Track or RigtwinError
+        The path of each bead, as `run` returns it; for a trial that breaks down its error.
+
+    Raises
+    ------
+    BadInput
+        If a trial is refused; the message names it.
     """
     seen = film(list(each(trials, Trial, _release)), threads=threads, progress=progress)
     return [
@@ -107,7 +124,18 @@ def run_many(
 
 
 def check(trial: Trial) -> None:
-    """Raise `BadInput` where `run` would refuse this trial, without simulating."""
+    """Refuse a trial that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    trial : Trial
+        The drop.
+
+    Raises
+    ------
+    BadInput
+        As `run` raises it.
+    """
     _frames(trial)
 
 

@@ -44,7 +44,18 @@ class Tumble:
 
 
 def numerics(particle: Particle, effects: Effects) -> dict[str, str]:
-    """Numerical settings of `run` and the effects that act, in words, for the result."""
+    """Describe the numerical settings of `run`, and the effects that act.
+
+    Parameters
+    ----------
+    particle, effects : Particle, Effects
+        As for `run`.
+
+    Returns
+    -------
+    dict of str to str
+        Settings in words, by name.
+    """
     from rigtwin.sim.engine.contact import Mechanics
     from rigtwin.sim.engine.effect_terms import acting_among, named_in
 
@@ -156,7 +167,22 @@ def run(
 
 
 def check(rig: Drop, particle: Particle, *, frame_rate: float, duration: float | None = None) -> None:
-    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
+    """Refuse settings that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    rig, particle : Drop, Particle
+        As for `run`.
+    frame_rate : float
+        Frames per second [1/s].
+    duration : float, optional
+        Length of the record [s].
+
+    Raises
+    ------
+    BadInput
+        As `run` raises it.
+    """
     positive(drop_height=rig.drop_height, frame_rate=frame_rate, bounces=rig.bounces)
     if duration is not None:
         positive(duration=duration)
@@ -230,9 +256,23 @@ def _seen(rows: Array, shown: npt.NDArray[np.intp], interval: float, lowest: flo
 
 
 def picture(tumble: Tumble, particle: Particle, *, walls: Array | None = None, flashes: int = 18) -> Image:
-    """Strobe picture of the clump from the front; later flashes are darker.
+    """Draw a strobe picture of the clump from the front; later flashes are darker.
 
-    `walls` are triangles [m], shape (n, 3, 3), x to the right, y away and z up.
+    Parameters
+    ----------
+    tumble : Tumble
+        The record.
+    particle : Particle
+        The clump.
+    walls : Array, shape (n, 3, 3), optional
+        Triangles [m] of the walls, x to the right, y away from the viewer and z up.
+    flashes : int
+        Number of flashes, evenly spaced in time.
+
+    Returns
+    -------
+    Image
+        RGB image.
     """
     from scipy.spatial.transform import Rotation
 

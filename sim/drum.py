@@ -248,7 +248,20 @@ def _rotation(
 
 
 def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
-    """Checks of a run: fill, size of the bed in bead diameters, and number of turns and samples."""
+    """Check a run: fill, size of the bed in bead diameters, and number of turns and samples.
+
+    Parameters
+    ----------
+    rig, particle : Drum, Particle
+        As for `run`.
+    rotation : Rotation
+        The run.
+
+    Returns
+    -------
+    tuple of Check
+        ``fill``, ``beads_enough`` and ``turned_enough``.
+    """
     share = _share(rotation.count, rig, filled_in(rig)[0], particle)
     high, long = (size / particle.typical.equivalent_diameter for size in _across(share, rig.diameter))
     enough = high >= SHALLOWEST and long >= SHORTEST
@@ -281,7 +294,20 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
 
 
 def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
-    """RGB image of the bed at the end, seen along the axis without the front wall."""
+    """Draw the bed at the end, seen along the axis without the front wall.
+
+    Parameters
+    ----------
+    rig : Drum
+        As for `run`.
+    rotation : Rotation
+        The run.
+
+    Returns
+    -------
+    Array, shape (height, width, 3)
+        RGB image.
+    """
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
@@ -296,7 +322,25 @@ def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
 
 
 def filled_in(rig: Drum) -> tuple[float, float]:
-    """Depth [m] of the drum and the share that is filled, with defaults for what the rig does not state."""
+    """Fill in depth and fill where the rig does not state them.
+
+    Parameters
+    ----------
+    rig : Drum
+        The drum.
+
+    Returns
+    -------
+    depth : float
+        Depth of the drum [m].
+    share : float
+        Share of its volume that is filled, at bulk density [1].
+
+    Raises
+    ------
+    BadInput
+        If the diameter or the depth is not positive, or the share is out of its range.
+    """
     depth = DEPTH * rig.diameter if rig.depth is None else rig.depth
     share = FILL if rig.fill is None else rig.fill
     positive(diameter=rig.diameter, depth=depth)
@@ -306,7 +350,18 @@ def filled_in(rig: Drum) -> tuple[float, float]:
 
 
 def filled(rig: Drum, particle: Particle) -> int:
-    """Number of particles that fill the share `rig.fill` of the drum."""
+    """Return the number of particles that fill the drum as its rig states.
+
+    Parameters
+    ----------
+    rig, particle : Drum, Particle
+        As for `run`.
+
+    Returns
+    -------
+    int
+        At least one.
+    """
     depth, part = filled_in(rig)
     return max(1, round(part * PACKING * math.pi / 4 * rig.diameter**2 * depth / particle.mean_volume))
 
@@ -339,7 +394,22 @@ def _scatter(
 
 
 def room(rig: Drum, depth: float) -> tuple[filling.Inside, tuple[Array, Array]]:
-    """Test for points in the drum, and the corners [m] of the box around it."""
+    """Return the room in the drum.
+
+    Parameters
+    ----------
+    rig : Drum
+        Its diameter is used.
+    depth : float
+        Depth [m].
+
+    Returns
+    -------
+    inside : callable
+        Test for points in the drum, see `rigtwin.sim.run.filling.Inside`.
+    box : tuple of Array
+        Low and high corner [m] of the box around the drum.
+    """
     half, deep = rig.diameter / 2, depth / 2
 
     def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
@@ -351,7 +421,20 @@ def room(rig: Drum, depth: float) -> tuple[filling.Inside, tuple[Array, Array]]:
 
 
 def shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
-    """Shell and end walls; x and z from the axis, y along it."""
+    """Return shell and end walls; x and z from the axis, y along it.
+
+    Parameters
+    ----------
+    rig : Drum
+        Its diameter is used.
+    depth : float
+        Depth [m].
+
+    Returns
+    -------
+    tuple of Shape
+        The shell, then the walls at -y and +y.
+    """
     from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     axis, half, deep = (0.0, 1.0, 0.0), rig.diameter / 2, depth / 2
@@ -363,7 +446,22 @@ def shapes(rig: Drum, depth: float) -> tuple[Shape, ...]:
 
 
 def domain(rig: Drum, depth: float, particle: Particle) -> tuple[list[float], list[float]]:
-    """Corners [m] of the room in which beads are simulated."""
+    """Return the domain of a simulation.
+
+    Parameters
+    ----------
+    rig : Drum
+        Its diameter is used.
+    depth : float
+        Depth [m].
+    particle : Particle
+        Its diameter sets the margin.
+
+    Returns
+    -------
+    tuple of list of float
+        Low and high corner [m].
+    """
     half, deep = (size / 2 + 2 * particle.diameter for size in (rig.diameter, depth))
     return [-half, -deep, -half], [half, deep, half]
 
@@ -459,7 +557,20 @@ def _outline(centres: Array, radii: Array, rig: Drum, particle: Particle) -> Pro
 
 
 def check(rig: Drum, particle: Particle, *, count: int | None) -> None:
-    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
+    """Refuse settings that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    rig, particle : Drum, Particle
+        As for `run`.
+    count : int or None
+        Number of particles; None: as many as fill the share of the rig.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     depth, _ = filled_in(rig)
     if not (math.isfinite(rig.speed) and rig.speed != 0):
         raise BadInput(f"speed: the drum must turn; got {rig.speed:g} rad/s.")

@@ -257,7 +257,20 @@ def _discharge_of(
 
 
 def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArray[np.uint8]:
-    """RGB image of the hopper and the beads at the end; a slot hopper is drawn without its vertical plates."""
+    """Draw the hopper and the beads at the end; a slot hopper is drawn without its vertical plates.
+
+    Parameters
+    ----------
+    rig, particle : Hopper, Particle
+        As for `run`.
+    discharge : Discharge
+        The run.
+
+    Returns
+    -------
+    Array, shape (height, width, 3)
+        RGB image.
+    """
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
@@ -288,13 +301,37 @@ class Plan:
     round: bool  # False: a slot along y
 
     def over_outlet(self, centres: Array) -> bool:
-        """Whether particles are over the middle of the outlet; those lying around it do not block it."""
+        """Return whether particles are over the middle of the outlet; those lying around it do not block it.
+
+        Parameters
+        ----------
+        centres : Array, shape (n, 3)
+            Centres of the particles [m].
+
+        Returns
+        -------
+        bool
+            Whether one is above the outlet and within a quarter of its width of the middle.
+        """
         from_axis = np.hypot(centres[:, 0], centres[:, 1]) if self.round else np.abs(centres[:, 0])
         return bool(((from_axis < self.outlet / 4) & (centres[:, 2] > 0)).any())
 
 
 def plan_of(rig: Hopper, particle: Particle, count: int) -> Plan:
-    """Walls, filling and domain of a hopper for `count` beads."""
+    """Plan walls, filling and domain of a hopper.
+
+    Parameters
+    ----------
+    rig, particle : Hopper, Particle
+        As for `run`.
+    count : int
+        Number of particles, for which there is room above the outlet.
+
+    Returns
+    -------
+    Plan
+        The plan, with defaults for what the rig does not state.
+    """
     room = filling.loose_room(particle, count)
     return _slot(rig, particle, room) if rig.variant == "slot" else _conical(rig, particle, room)
 
@@ -452,7 +489,22 @@ def _heap(beads: Beads, particle: Particle, plan: Plan) -> Profile:
 
 
 def check(rig: Hopper, particle: Particle, *, count: int, duration: float | None = None) -> None:
-    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
+    """Refuse settings that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    rig, particle : Hopper, Particle
+        As for `run`.
+    count : int
+        Number of particles.
+    duration : float, optional
+        Longest discharge [s].
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     positive(outlet=rig.outlet)
     if rig.variant == "conical":
         positive(diameter=rig.diameter, cone_height=rig.cone_height)

@@ -229,7 +229,7 @@ class Hopper:
 
     @property
     def cone_height(self) -> float:
-        """[m]"""
+        """Height of the cone [m]."""
         return (self.diameter - self.outlet.diameter) / 2 * math.tan(CONE)
 
     @property
@@ -245,7 +245,17 @@ class Hopper:
         return [*filling.funnel(source.diameter, self.diameter, self.cone_height, self.top, source.height)]
 
     def pour(self, bulk: Bulk, logbook: Logbook, course: filling.Course, limit: float, progress: Progress) -> None:
-        """Fill the hopper, remove its slide, and wait until no more particles leave it."""
+        """Fill the hopper, remove its slide, and wait until no more particles leave it.
+
+        Parameters
+        ----------
+        bulk, logbook, course : Bulk, Logbook, Course
+            Simulation, its log, and the state of the filling.
+        limit : float
+            Longest wait [s] until the particles rest on the slide.
+        progress : Progress
+            Callback for the progress display.
+        """
         wide, low = self.diameter / 2, self.outlet.height
         if not course.placed:
             box = np.array([-wide, -wide, low]), np.array([wide, wide, self.top])
@@ -267,7 +277,24 @@ class Hopper:
 
 
 def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -> npt.NDArray[np.uint8]:
-    """RGB image of the cylinder and its bed, seen from `turn` [deg] about z and `tilt` [deg] above the horizon."""
+    """Draw the cylinder and its bed.
+
+    Parameters
+    ----------
+    rig : Packing
+        As for `run`.
+    bed : Bed
+        The bed.
+    turn : float
+        Direction of view [deg] about z.
+    tilt : float
+        Height of the view above the horizon [deg].
+
+    Returns
+    -------
+    Array, shape (height, width, 3)
+        RGB image.
+    """
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
 
@@ -279,6 +306,22 @@ def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -
 def domain_of(
     rig: Packing, particle: Particle, source: filling.Outlet, hopper: Hopper | None
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return the domain of a simulation.
+
+    Parameters
+    ----------
+    rig, particle : Packing, Particle
+        As for `run`.
+    source : Outlet
+        The outlet, of `outlet_of`.
+    hopper : Hopper or None
+        The hopper above the cylinder, if there is one.
+
+    Returns
+    -------
+    tuple of tuple of float
+        Low and high corner [m].
+    """
     wide = max(rig.cylinder_diameter, source.diameter, hopper.diameter if hopper else 0.0)
     side = wide / 2 + 2 * particle.diameter
     top = source.height + source.slab if hopper is None else hopper.top
@@ -286,6 +329,18 @@ def domain_of(
 
 
 def walls_of(rig: Packing) -> list[Shape]:
+    """Return the walls of the cylinder.
+
+    Parameters
+    ----------
+    rig : Packing
+        Its diameter and height are used.
+
+    Returns
+    -------
+    list of Shape
+        Bottom and side wall.
+    """
     from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     up = (0.0, 0.0, 1.0)
@@ -375,7 +430,24 @@ def _solid(masses: Array, particle: Particle) -> float:
 def check(
     rig: Packing, particle: Particle, *, count: int, settle_limit: float = 4.0, pour_rate: float | None = None
 ) -> None:
-    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
+    """Refuse settings that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    rig, particle : Packing, Particle
+        As for `run`.
+    count : int
+        Number of particles.
+    settle_limit : float
+        Longest wait [s] until the bed rests.
+    pour_rate : float, optional
+        Particles per second [1/s], without a hopper.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     positive(
         cylinder_diameter=rig.cylinder_diameter,
         cylinder_height=rig.cylinder_height,
@@ -411,6 +483,25 @@ def check(
 
 
 def outlet_of(rig: Packing, particle: Particle, pour_rate: float | None) -> filling.Outlet:
+    """Return the outlet above the cylinder.
+
+    Parameters
+    ----------
+    rig, particle : Packing, Particle
+        As for `run`.
+    pour_rate : float or None
+        Particles per second [1/s]; None: the default of `run`.
+
+    Returns
+    -------
+    Outlet
+        The outlet.
+
+    Raises
+    ------
+    BadInput
+        If it lets no particles through, or the rate is not positive.
+    """
     opening = OUTLET_SHARE * rig.cylinder_diameter if rig.outlet_diameter is None else rig.outlet_diameter
     return filling.outlet(particle, opening, rig.cylinder_height + rig.fall_height, pour_rate, LEAST_RATE)
 

@@ -103,9 +103,26 @@ def run(
 def run_many(
     trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
 ) -> list[tuple[Track, ...] | RigtwinError]:
-    """Paths of many pendulums, each as `run` returns them, in one launch over `threads` (None: all cores).
+    """Simulate many pendulums in one launch.
 
-    The result of a trial that breaks down is its error.
+    Parameters
+    ----------
+    trials : sequence of Trial
+        The swings.
+    threads : int, optional
+        Number of threads.  Default: all cores.
+    progress : Progress
+        Callback for the progress display.
+
+    Returns
+    -------
+    list of tuple of Track or RigtwinError
+        The paths of the beads of each swing, as `run` returns them; for a trial that breaks down its error.
+
+    Raises
+    ------
+    BadInput
+        If a trial is refused; the message names it.
     """
     seen = film(list(each(trials, Trial, _release)), threads=threads, progress=progress)
     return [one if isinstance(one, RigtwinError) else _tracks(one) for one in seen]
@@ -118,7 +135,18 @@ def _tracks(seen: Seen) -> tuple[Track, ...]:
 
 
 def check(trial: Trial) -> None:
-    """Raise `BadInput` where `run` would refuse this trial, without simulating."""
+    """Refuse a trial that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    trial : Trial
+        The swing.
+
+    Raises
+    ------
+    BadInput
+        As `run` raises it.
+    """
     _frames(trial)
 
 

@@ -133,10 +133,28 @@ def run(
 def run_many(
     trials: Sequence[Trial], *, threads: int | None = None, progress: Progress = silent
 ) -> list[tuple[Series, Track] | RigtwinError]:
-    """Angles and paths of many plates, each as `run` returns them, over `threads` (None: all cores).
+    """Simulate many tilting tests.
 
-    Spheres and blocks run in one launch, clumps one after the other.  The result of a trial that breaks down is its
-    error.
+    Spheres and blocks run in one launch, clumps one after the other.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        The tests.
+    threads : int, optional
+        Number of threads of that launch.  Default: all cores.
+    progress : Progress
+        Callback for the progress display.
+
+    Returns
+    -------
+    list of tuple or RigtwinError
+        Angle and path of each test, as `run` returns them; for a trial that breaks down its error.
+
+    Raises
+    ------
+    BadInput
+        If a trial is refused; the message names it.
     """
     from rigtwin.sim.engine.few import few_body
 
@@ -178,7 +196,18 @@ class _Frames:
 
 
 def check(trial: Trial) -> None:
-    """Raise `BadInput` where `run` would refuse this trial, without simulating."""
+    """Refuse a trial that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    trial : Trial
+        The test.
+
+    Raises
+    ------
+    BadInput
+        As `run` raises it.
+    """
     _frames(trial)
 
 
@@ -248,7 +277,18 @@ def _seen(trial: Trial, frames: _Frames, motion: Motion | None) -> Array:
 
 
 def left_out(rig: Tilt, particle: Particle, effects: Effects) -> tuple[str, ...]:
-    """Warnings about effects of a model that `run` does not simulate."""
+    """Warn about effects of a model that `run` does not simulate.
+
+    Parameters
+    ----------
+    rig, particle, effects : Tilt, Particle, Effects
+        As for `run`.
+
+    Returns
+    -------
+    tuple of str
+        One warning for each such effect.
+    """
     return _acting(rig, particle, effects)[1]
 
 
@@ -261,7 +301,18 @@ def _acting(rig: Tilt, particle: Particle, effects: Effects) -> tuple[tuple[Acti
 
 
 def numerics(rig: Tilt, particle: Particle, effects: Effects) -> dict[str, str]:
-    """Numerical settings of `run` and the effects that act, in words, for the result."""
+    """Describe the numerical settings of `run`, and the effects that act.
+
+    Parameters
+    ----------
+    rig, particle, effects : Tilt, Particle, Effects
+        As for `run`; the other settings are taken at their defaults.
+
+    Returns
+    -------
+    dict of str to str
+        Settings in words, by name.
+    """
     from rigtwin.sim.engine.effect_terms import named_in
     from rigtwin.sim.engine.few.few_body import Case
 
@@ -276,7 +327,18 @@ def numerics(rig: Tilt, particle: Particle, effects: Effects) -> dict[str, str]:
 
 
 def body_in_words(rig: Tilt, particle: Particle) -> str:
-    """Description of the simulated body, for the result."""
+    """Describe the simulated body.
+
+    Parameters
+    ----------
+    rig, particle : Tilt, Particle
+        As for `run`.
+
+    Returns
+    -------
+    str
+        One sentence.
+    """
     if rig.variant == "slide":
         return "A body that slides does not turn."
     if particle.shape is None:
@@ -304,7 +366,25 @@ def _record(frames: _Frames, path: Array) -> tuple[Series, Track]:
 
 
 def onset(rig: Tilt, contact: Contact) -> float:
-    """Angle alpha [rad] of the onset: tan(alpha) is the smaller of the coefficients that hold the body (eqs 3, 4)."""
+    """Return the angle of the onset.
+
+    Parameters
+    ----------
+    rig : Tilt
+        The variant decides which coefficients hold the body.
+    contact : Contact
+        Coefficients of the contact of body and plate.
+
+    Returns
+    -------
+    float
+        Angle [rad] whose tangent is the static friction, or, for a body that rolls, the smaller of static and rolling
+        friction.
+
+    References
+    ----------
+    Hlosta et al. 2020, equations 3 and 4.
+    """
     holds = contact.static_friction
     if rig.variant == "roll":
         holds = min(holds, contact.rolling_friction)

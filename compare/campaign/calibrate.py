@@ -157,12 +157,14 @@ def calibrate_lab(
         Experiments and model.
     measured : mapping of str to Measured
         Results of the repetitions of each experiment.
-    out, progress, fit, hold_out, budget, seed, workers, cluster
-        As of `calibrate`.
+    out, progress, fit, hold_out, budget, seed : Path, Progress, sequence of str, sequence of str, int, int
+        As for `calibrate`.
     options : mapping, optional
         Keywords of `rigtwin.compare.campaign.twin_runs.twin_run`.
     reading : mapping of str to float, optional
         For quantities the standard uncertainty of the convention by which they were read, in their unit.
+    workers, cluster : int, str, optional
+        As for `calibrate`.
     remarks : sequence of str
         What is reported beside what was left out.
 

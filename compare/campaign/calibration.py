@@ -169,7 +169,22 @@ class Calibration:
 
 
 def calibration_of(search: Search, found: State, predictions: tuple[dict[str, Any], ...]) -> Calibration:
-    """The result of a search that has ended."""
+    """Return the result of a search that has ended.
+
+    Parameters
+    ----------
+    search : Search
+        The search.
+    found : State
+        What it found.
+    predictions : tuple of dict
+        Rows of `Search.predictions`.
+
+    Returns
+    -------
+    Calibration
+        The result, without candidates of a further experiment and files.
+    """
     from scipy.stats import chi2
 
     parameters, posterior = search.parameters, found.fitted

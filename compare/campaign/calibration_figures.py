@@ -18,7 +18,18 @@ DARK = 0.5  # share from which text on a field is white
 
 
 def figures(found: Calibration) -> dict[str, FigureFile]:
-    """Figures by name: ``screening``, ``posterior``, ``predictions``."""
+    """Draw the figures of a calibration.
+
+    Parameters
+    ----------
+    found : Calibration
+        The calibration.
+
+    Returns
+    -------
+    dict of str to FigureFile
+        By name: ``screening``, ``posterior`` and ``predictions``.
+    """
     return {"screening": _screening(found), "posterior": _posterior(found), "predictions": _predictions(found)}
 
 

@@ -32,7 +32,7 @@ FEWEST = 6  # twins from which components are found
 class CurveTargets:
     """The components of the curves of an experiment.
 
-    Parameters
+    Attributes
     ----------
     experiment : Experiment
         Its twins give the curves.
@@ -66,7 +66,18 @@ class CurveTargets:
         return found
 
     def values(self, result: Result) -> dict[tuple[str, str], float]:
-        """The components of a twin's curves, by quantity and method of their target."""
+        """Return the components of a twin's curves.
+
+        Parameters
+        ----------
+        result : Result
+            Result of the run of the twin.
+
+        Returns
+        -------
+        dict of tuple to float
+            By quantity and method of their target, in the unit of the curve.
+        """
         scores = self._scores([], [twin_from(result)])
         return {(what, _method(k)): float(value) for what, row in scores.items() for k, value in enumerate(row)}
 
@@ -81,9 +92,22 @@ class CurveTargets:
 
 
 def curve_targets(experiment: Experiment, measured: Sequence[Measurement], results: Sequence[Result]) -> CurveTargets:
-    """Principal components (`sklearn.decomposition.PCA`) of the curves of twins that a measurement has, too.
+    """Find the principal components of the curves of twins that a measurement has, too.
 
-    Scores are root mean squares along the curve, in the unit of the curve.
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+    measured : sequence of Measurement
+        Its repetitions.
+    results : sequence of Result
+        Results of its twins.
+
+    Returns
+    -------
+    CurveTargets
+        The components, found by `sklearn.decomposition.PCA`.  Scores are root mean squares along the curve, in the unit
+        of the curve.
     """
     from sklearn.decomposition import PCA
 
@@ -110,7 +134,18 @@ def _method(k: int) -> str:
 
 
 def is_component(method: str) -> bool:
-    """Whether a method is that of a component of a curve, whose number means nothing by itself."""
+    """Return whether a method is that of a component of a curve, whose number means nothing by itself.
+
+    Parameters
+    ----------
+    method : str
+        Method of a quantity.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     return method.endswith(OF_CURVE)
 
 

@@ -26,7 +26,7 @@ class Emulator:
     Fitted by `sklearn.gaussian_process`; predicted here, because a posterior asks a hundred thousand times for a few
     points, for which that library takes ten times as long (Rasmussen & Williams 2006, equations 2.25 and 2.26).
 
-    Parameters
+    Attributes
     ----------
     columns : ndarray, shape (q,)
         Numbers of the parameters that the twin has; it does not depend on the others.
@@ -60,8 +60,16 @@ class Emulator:
     def widened(self) -> float:
         """Factor on both uncertainties, at least 1.
 
-        With it the runs lie about their own predictions as they should when each is left out in turn (Rasmussen &
-        Williams 2006, section 5.4.2).
+        With it the runs lie about their own predictions as they should when each is left out in turn.
+
+        Returns
+        -------
+        float
+            The factor [1].
+
+        References
+        ----------
+        Rasmussen & Williams 2006, section 5.4.2.
         """
         left_out = self.weights / np.sqrt(np.diag(self.inverse))
         return max(1.0, float(np.sqrt(np.mean(left_out**2))))
@@ -72,7 +80,20 @@ class Emulator:
         return self.widened * self.fitted_noise
 
     def predict(self, unit: Array) -> tuple[Array, Array]:
-        """Mean of the twin at points of the unit cube, shape (n, p), and the emulator's standard uncertainty of it."""
+        """Predict the mean of the twin.
+
+        Parameters
+        ----------
+        unit : ndarray, shape (n, p)
+            Points of the unit cube.
+
+        Returns
+        -------
+        mean : ndarray, shape (n,)
+            In the unit of the quantity.
+        std_uncertainty : ndarray, shape (n,)
+            The emulator's standard uncertainty of it, in the same unit.
+        """
         apart = (unit[:, self.columns] / self.lengths)[:, None, :] - self.points
         kernel = self.amplitude * np.exp(-0.5 * np.einsum("ijk,ijk->ij", apart, apart))
         variance = self.amplitude - np.einsum("ij,ij->i", kernel @ self.inverse, kernel)
@@ -131,9 +152,27 @@ def fit(unit: Array, values: Array, *, seed: int, columns: Sequence[int] | None 
 
 
 def main_effects(emulator: Emulator, parameters: int, *, seed: int, number: int = 512) -> Array:
-    """Share of the variance of the emulated quantity that each parameter causes alone, shape (p,).
+    """Return the share of the variance of the emulated quantity that each parameter causes alone.
 
-    First-order Sobol indices over the unit cube (Saltelli et al. 2010, table 2, estimator (b)).
+    Parameters
+    ----------
+    emulator : Emulator
+        The emulator.
+    parameters : int
+        Number p of the parameters.
+    seed : int
+        Seed of the points.
+    number : int
+        Number of points of each of two designs.
+
+    Returns
+    -------
+    ndarray, shape (p,)
+        First-order Sobol indices over the unit cube, between 0 and 1.
+
+    References
+    ----------
+    Saltelli et al. 2010, table 2, estimator (b).
     """
     from scipy.stats import qmc
 

@@ -31,7 +31,18 @@ ENDS = 0.05  # share of the samples at each end of the family of sets
 
 
 def candidates(fitted: Sequence[Experiment]) -> list[Experiment]:
-    """A small packing, heap, drum and hopper of the fitted particle, but for rigs that are fitted already."""
+    """Return a small packing, heap, drum and hopper of the fitted particle, but for rigs that are fitted already.
+
+    Parameters
+    ----------
+    fitted : sequence of Experiment
+        The fitted experiments; the first gives particle and wall.
+
+    Returns
+    -------
+    list of Experiment
+        The candidates.
+    """
     known = fitted[0]
     d = known.particle.diameter
     rigs: dict[str, RigSettings] = {
@@ -53,16 +64,41 @@ def candidates(fitted: Sequence[Experiment]) -> list[Experiment]:
 
 
 def runs_needed(fitted: Sequence[Experiment]) -> int:
-    """Number of runs of `next_experiments`."""
+    """Return the number of runs of `next_experiments`.
+
+    Parameters
+    ----------
+    fitted : sequence of Experiment
+        The fitted experiments.
+
+    Returns
+    -------
+    int
+        Number of runs.
+    """
     return 2 * SEEDS * len(candidates(fitted))
 
 
 def next_experiments(search: Search, found: State, campaign: Campaign, progress: Progress) -> list[dict[str, Any]]:
-    """How far apart two sets that fit are in each candidate, the most separating quantity of each first.
+    """Return how far apart two sets that fit are in each candidate of a further experiment.
 
-    The sets are likely ones from both ends of the family, along the longest axis of the samples.  They are `apart` by
-    the difference of their twins over the standard uncertainty of a mean of three repetitions, scatter from seed to
-    seed, the twins' own scatter and 2 % reading included.
+    The sets are likely ones from both ends of the family, along the longest axis of the samples.
+
+    Parameters
+    ----------
+    search : Search
+        The search of the calibration.
+    found : State
+        What it found; the runs are added to it.
+    campaign : Campaign
+        Computes the twins.
+    progress : Progress
+        Called with step, finished cost [s] and total cost [s].
+
+    Returns
+    -------
+    list of dict
+        For each candidate the row of `separations` that is most `apart`; the best candidate first.
     """
     ends = _ends(found.samples, found.density)
     runs: dict[tuple[str, int, int], Run] = {}
@@ -98,7 +134,22 @@ def _ends(samples: Array, density: Array) -> list[Array]:
 
 
 def separations(experiment: Experiment, sets: list[list[Result | None]]) -> Iterator[dict[str, Any]]:
-    """For each quantity how far two sets of results are apart, in standard uncertainties of a further experiment."""
+    """Compare two sets of parameters in a candidate experiment.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The candidate.
+    sets : list of list of Result
+        For each of the two sets the results of its runs.
+
+    Yields
+    ------
+    dict
+        For each quantity ``one`` and ``other``, the means of the sets in its unit, and ``apart`` [1]: their difference
+        over the standard uncertainty of a mean of three repetitions, scatter from seed to seed, the twins' own scatter
+        and 2 % reading included.
+    """
     tables: list[list[Mapping[Any, float]]] = [
         [
             {

@@ -25,7 +25,7 @@ LOGARITHMIC = 8.0  # ratio of the ends of a range above which its logarithm is u
 class Parameter:
     """A parameter that is calibrated, and what is known of it beforehand.
 
-    Parameters
+    Attributes
     ----------
     name : str
         Its name, as in a sweep.
@@ -51,19 +51,52 @@ class Parameter:
         return self.mean is None and 0 < LOGARITHMIC * self.low < self.high
 
     def value(self, unit: Array) -> Array:
-        """Values in SI of numbers in [0, 1]."""
+        """Return values in SI of numbers in [0, 1].
+
+        Parameters
+        ----------
+        unit : ndarray
+            The numbers, of any shape.
+
+        Returns
+        -------
+        ndarray
+            The values, of the same shape.
+        """
         if self.logarithmic:
             return np.asarray(self.low * (self.high / self.low) ** unit)
         return np.asarray(self.low + (self.high - self.low) * unit)
 
     def unit(self, value: Array) -> Array:
-        """Numbers in [0, 1] of values in SI."""
+        """Return numbers in [0, 1] of values in SI.
+
+        Parameters
+        ----------
+        value : ndarray
+            The values, of any shape.
+
+        Returns
+        -------
+        ndarray
+            The numbers, of the same shape.
+        """
         if self.logarithmic:
             return np.asarray(np.log(value / self.low) / math.log(self.high / self.low))
         return np.asarray((value - self.low) / (self.high - self.low))
 
     def log_prior(self, unit: Array) -> Array:
-        """Logarithm of the prior density, up to a constant."""
+        """Return the logarithm of the prior density, up to a constant.
+
+        Parameters
+        ----------
+        unit : ndarray
+            Numbers in [0, 1], of any shape.
+
+        Returns
+        -------
+        ndarray
+            Logarithms [1], of the same shape.
+        """
         if self.mean is None or self.std is None:
             return np.zeros_like(unit)
         return np.asarray(-0.5 * ((self.value(unit) - self.mean) / self.std) ** 2)
@@ -73,7 +106,7 @@ class Parameter:
 class Target:
     """A measured quantity that the twin shall give.
 
-    Parameters
+    Attributes
     ----------
     experiment, quantity, method, unit : str
         What was measured, and where.
@@ -97,11 +130,27 @@ class Target:
 
 
 def correlation(targets: Sequence[Target], residuals: Mapping[Target, Array]) -> Array:
-    """Correlation of the scatter of the targets from run to run, shape (k, k).
+    """Return the correlation of the scatter of the targets from run to run.
 
     Quantities read from the same heap err together.  Their correlation is that of the emulators' residuals over the
-    runs of an experiment, shrunk towards none (Ledoit & Wolf 2004); other experiments are independent, and so is a
-    quantity that fewer than four of five twins give.
+    runs of an experiment, shrunk towards none; other experiments are independent, and so is a quantity that fewer than
+    four of five twins give.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+        The targets.
+    residuals : mapping of Target to ndarray
+        Of each target the residuals of its emulator over the runs, NaN where a run does not give it.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+        The correlation [1] of the k targets.
+
+    References
+    ----------
+    Ledoit & Wolf 2004.
     """
     from sklearn.covariance import LedoitWolf
 
@@ -124,11 +173,23 @@ def correlation(targets: Sequence[Target], residuals: Mapping[Target, Array]) ->
 
 
 def scatter(target: Target, twin_std: float) -> float:
-    """Standard uncertainty of a measured mean, in the unit of the target.
+    """Return the standard uncertainty of a measured mean.
 
     The scatter of a few repetitions is hardly known.  It is pooled with the standard deviation of the twin from seed to
     seed, which counts as `POOLED` degrees of freedom, unless the measurement is less certain anyway; of one or two
     repetitions hardly any scatter is known, and the twin's is added.
+
+    Parameters
+    ----------
+    target : Target
+        The measured mean.
+    twin_std : float
+        Standard deviation of the twin from seed to seed, in the unit of the target.
+
+    Returns
+    -------
+    float
+        Standard uncertainty, in the unit of the target.
     """
     own, twin = target.std_uncertainty**2, twin_std**2 / target.repetitions
     freedom = target.repetitions - 1
@@ -140,7 +201,7 @@ def scatter(target: Target, twin_std: float) -> float:
 class Posterior:
     """Density of parameters given measurements.
 
-    Parameters
+    Attributes
     ----------
     parameters : sequence of Parameter
         With their priors.
@@ -158,7 +219,18 @@ class Posterior:
     correlation: Array
 
     def log_density(self, unit: Array) -> Array:
-        """Logarithm of the density at points of the unit cube, shape (n, p), up to a constant."""
+        """Return the logarithm of the density, up to a constant.
+
+        Parameters
+        ----------
+        unit : ndarray, shape (n, p)
+            Points of the unit cube.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Logarithms [1]; minus infinity outside the cube.
+        """
         inside = ((unit >= 0) & (unit <= 1)).all(axis=1)
         total = np.full(len(unit), -math.inf)
         if inside.any():
@@ -168,11 +240,33 @@ class Posterior:
         return total
 
     def chi_square(self, unit: Array) -> Array:
-        """Squared deviations over their covariance at points of the unit cube; a measured prior counts, too."""
+        """Return the squared deviations over their covariance; a measured prior counts, too.
+
+        Parameters
+        ----------
+        unit : ndarray, shape (n, p)
+            Points of the unit cube.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Chi-square [1].
+        """
         return self._misfit(unit)[0] - 2 * self._log_prior(unit)
 
     def shares(self, unit: Array) -> Array:
-        """The emulators' share of the variance of each target at points of the unit cube, shape (n, k)."""
+        """Return the emulators' share of the variance of each target.
+
+        Parameters
+        ----------
+        unit : ndarray, shape (n, p)
+            Points of the unit cube.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            Shares [1].
+        """
         _, emulated = self._predict(unit)
         return np.asarray(emulated**2 / (self._scatter**2 + np.diag(self._read) + emulated**2))
 

@@ -47,7 +47,13 @@ class Done:
     """Names of the runs that did not fit into memory."""
 
     def raise_faults(self) -> None:
-        """Raise `RigtwinError` if a run ended by a fault of rigtwin; the traceback of the first is its note."""
+        """Raise an error if a run ended by a fault of rigtwin.
+
+        Raises
+        ------
+        RigtwinError
+            If one did; the traceback of the first is its note.
+        """
         if self.faults:
             first = next(iter(self.faults))
             number = len(self.results) + len(self.failures)
@@ -57,7 +63,20 @@ class Done:
 
 
 def same_inputs(kept: Mapping[str, Any], inputs: Mapping[str, Any]) -> bool:
-    """Whether a kept run had these inputs, up to rounding; true where one of the two does not state any."""
+    """Return whether a kept run had these inputs, up to rounding.
+
+    Parameters
+    ----------
+    kept : mapping
+        Inputs of the kept run.
+    inputs : mapping
+        The inputs.
+
+    Returns
+    -------
+    bool
+        Whether they are alike; true where one of the two does not state any.
+    """
     return not kept or not inputs or _alike(kept, plain(inputs))
 
 

@@ -36,7 +36,7 @@ POLL = 0.5  # [s], between two looks at the jobs of a batch system
 JOBS = 200  # jobs of a batch system at a time
 
 
-class Submits(Protocol):
+class _Submits(Protocol):
     """The part of `concurrent.futures.Executor` that a campaign uses."""
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]: ...
@@ -46,7 +46,7 @@ class Submits(Protocol):
 class Pool:
     """Where runs go."""
 
-    executor: Submits
+    executor: _Submits
     slots: int  # runs handed out at a time
 
 
@@ -59,9 +59,28 @@ class ClusterLost(BadInput):
 
 
 def perform(function: str, settings: dict[str, Any], version: str) -> tuple[Result, float]:
-    """Compute a run; returns its result and its run time [s].
+    """Compute a run.
 
-    Raises `RigtwinError` if this process has another version of rigtwin than `version`.
+    Parameters
+    ----------
+    function : str
+        ``module:function``.
+    settings : dict
+        Its keyword arguments.
+    version : str
+        Version of rigtwin that the campaign has.
+
+    Returns
+    -------
+    result : Result
+        The result.
+    seconds : float
+        Run time [s].
+
+    Raises
+    ------
+    RigtwinError
+        If this process has another version of rigtwin.
     """
     if version != __version__:
         raise RigtwinError(f"a worker has rigtwin {__version__}, this campaign {version}; install the same on all.")
@@ -92,7 +111,7 @@ def _own_process() -> Workers:
 
 
 def runner(cluster: str | None, workers: int | None, folder: Path, *, option: str = "--workers") -> Runner:
-    """The runner by the option ``--cluster``.
+    """Return the runner that the option ``--cluster`` names.
 
     Parameters
     ----------
@@ -105,6 +124,11 @@ def runner(cluster: str | None, workers: int | None, folder: Path, *, option: st
         Folder of the store, where a batch system keeps its logs.
     option : str
         The option that `workers` comes from, for the refusal.
+
+    Returns
+    -------
+    Runner
+        The runner.
 
     Raises
     ------
@@ -128,14 +152,46 @@ def runner(cluster: str | None, workers: int | None, folder: Path, *, option: st
 
 @contextmanager
 def local(jobs: int, workers: int | None = None) -> Iterator[Pool]:
-    """Processes of this machine, at most `workers` (one for each core by default)."""
+    """Open processes of this machine.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of runs.
+    workers : int, optional
+        Largest number of processes.  Default: one for each core.
+
+    Yields
+    ------
+    Pool
+        The processes.
+    """
     with spawned(jobs, workers, work="ran a twin") as pool:
         yield Pool(pool, pool.size)
 
 
 @contextmanager
 def dask(jobs: int, address: str) -> Iterator[Pool]:
-    """The workers of a Dask scheduler.  Raises `BadInput` if it does not answer or a worker has another rigtwin."""
+    """Open the workers of a Dask scheduler.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of runs.
+    address : str
+        Address of the scheduler, ``tcp://host:port`` or ``tls://host:port``.
+
+    Yields
+    ------
+    Pool
+        The workers.
+
+    Raises
+    ------
+    BadInput
+        If Dask is not installed, the scheduler does not answer or has no workers, or a worker has another rigtwin or
+        may not start a process.
+    """
     try:
         import distributed
     except ImportError:
@@ -201,7 +257,7 @@ async def _asked(address: str, security: Any) -> None:
 class _DaskWorkers:
     """Workers of a Dask scheduler, with its own errors in words."""
 
-    def __init__(self, executor: Submits, address: str) -> None:
+    def __init__(self, executor: _Submits, address: str) -> None:
         self._executor = executor
         self._address = address
 
@@ -241,10 +297,27 @@ def _same_version(found: dict[str, Any]) -> None:
 
 @contextmanager
 def batch(jobs: int, folder: Path, parameters: dict[str, Any]) -> Iterator[Pool]:
-    """Jobs of a batch system, one for each run.
+    """Open jobs of a batch system, one for each run.
 
-    `parameters` are those of submitit, for example ``slurm_partition``; ``cluster`` "local" makes processes of this
-    machine instead, to try a campaign out.
+    Parameters
+    ----------
+    jobs : int
+        Number of runs.
+    folder : Path
+        Folder of the logs.
+    parameters : dict
+        Those of submitit, for example ``slurm_partition``; ``cluster`` "local" makes processes of this machine instead,
+        to try a campaign out.
+
+    Yields
+    ------
+    Pool
+        The jobs.
+
+    Raises
+    ------
+    BadInput
+        If submitit is not installed, or the batch system cannot be used.
     """
     try:
         import submitit

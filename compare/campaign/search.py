@@ -77,7 +77,7 @@ class State:
 class Search:
     """The lab, its twins and the parameters.
 
-    Parameters
+    Attributes
     ----------
     lab : Lab
         With the model whose parameters are changed.
@@ -119,7 +119,25 @@ class Search:
         return max(FEWEST, FIRST * len(self.parameters))
 
     def run(self, campaign: Campaign, progress: Progress) -> State:
-        """Run twins until the posterior is no longer narrowed, the emulators are certain or the budget is spent."""
+        """Run twins until the posterior is no longer narrowed, the emulators are certain or the budget is spent.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Computes the twins.
+        progress : Progress
+            Called with step, finished cost [s] and total cost [s].
+
+        Returns
+        -------
+        State
+            Runs, emulators and samples of the posterior.
+
+        Raises
+        ------
+        BadInput
+            If the budget is too small, or no quantity can be fitted.
+        """
         from scipy.stats import qmc
 
         first = self._first
@@ -168,15 +186,58 @@ class Search:
             found.results[experiment].append(done.results.get(run.name))
 
     def twin(self, experiment: Experiment, point: Array, name: str, seed: int) -> Run:
-        """The run of an experiment at a point of the unit cube."""
+        """Return the run of an experiment at a point.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        point : ndarray, shape (p,)
+            Point of the unit cube.
+        name : str
+            Name of the run.
+        seed : int
+            Its seed.
+
+        Returns
+        -------
+        Run
+            The run.
+        """
         return twin_run(name, *self.setting(experiment, self.values(point)), seed=seed, **self.options)
 
     def values(self, point: Array) -> dict[str, float]:
-        """Values of the parameters in SI at a point of the unit cube."""
+        """Return the values of the parameters at a point.
+
+        Parameters
+        ----------
+        point : ndarray, shape (p,)
+            Point of the unit cube.
+
+        Returns
+        -------
+        dict of str to float
+            Values in SI, by name.
+        """
         return {one.name: float(one.value(point[k])) for k, one in enumerate(self.parameters)}
 
     def setting(self, experiment: Experiment, values: Mapping[str, float], model: Model | None = None) -> Setting:
-        """An experiment and the model, of the lab or as given, with those values that the twin has."""
+        """Return an experiment and the model with those values that the twin has.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        values : mapping of str to float
+            Values in SI, by name.
+        model : Model, optional
+            The model that is changed.  Default: that of the lab.
+
+        Returns
+        -------
+        Setting
+            Experiment and model.
+        """
         mine = {name: value for name, value in values.items() if applies(name, experiment)}
         return at(Setting(experiment, self.lab.model if model is None else model), mine)
 
@@ -229,7 +290,23 @@ class Search:
     def predictions(
         self, found: State, held: Sequence[Experiment], campaign: Campaign, progress: Progress
     ) -> Iterator[dict[str, Any]]:
-        """The best set's twins, with other seeds than those of the emulators, beside the measurements."""
+        """Run the twins of the best set, with other seeds than those of the emulators.
+
+        Parameters
+        ----------
+        found : State
+            What the search found; the runs are added to it.
+        held : sequence of Experiment
+            Experiments that were not fitted.
+        campaign, progress : Campaign, Progress
+            As for `run`.
+
+        Yields
+        ------
+        dict
+            For each target the measured value with its standard uncertainty, mean and standard deviation of the twins,
+            in its unit, the deviation [%], and ``z`` [1].
+        """
         best = found.best
         seeds = range(self.seed + CONFIRMING_SEED, self.seed + CONFIRMING_SEED + CONFIRMED)
         runs = {
@@ -253,7 +330,29 @@ def _number(count: int, what: str) -> str:
 
 
 def results_of(runs: Sequence[Run], campaign: Campaign, progress: Progress, stage: str) -> Done:
-    """Results of runs, of which none ended by a fault of rigtwin or for want of memory."""
+    """Return the results of runs.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        The runs.
+    campaign : Campaign
+        Computes them.
+    progress : Progress
+        Called with step, finished cost [s] and total cost [s].
+    stage : str
+        Name of the step.
+
+    Returns
+    -------
+    Done
+        Results and failures by name.
+
+    Raises
+    ------
+    RigtwinError
+        If one ended by a fault of rigtwin or for want of memory.
+    """
     done = campaign.results(runs, progress, stage=stage, retry=False)
     done.raise_faults()
     if done.out_of_memory:

@@ -106,7 +106,18 @@ class Store:
         self._ledger.close()
 
     def find(self, runs: Iterable[Run]) -> dict[str, Result]:
-        """Results of the runs that have finished, by name."""
+        """Return the results of the runs that have finished.
+
+        Parameters
+        ----------
+        runs : iterable of Run
+            The runs.
+
+        Returns
+        -------
+        dict of str to Result
+            By the name of the run.
+        """
         found = {}
         for run in runs:
             row = self._row(run)
@@ -115,13 +126,34 @@ class Store:
         return found
 
     def failure(self, run: Run) -> str:
-        """Why the run failed before; empty where it did not."""
+        """Return why a run failed before.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        str
+            Empty where it did not.
+        """
         with self._in_words():
             row = self._ledger.execute("select * from runs where key = ? and state = 'failed'", (run.key,)).fetchone()
         return "" if row is None or not same_inputs(_parsed(row["inputs"]), run.inputs) else str(row["message"])
 
     def keep(self, run: Run, result: Result, seconds: float) -> None:
-        """Keep the result of a finished run; its claim ends."""
+        """Keep the result of a finished run; its claim ends.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+        result : Result
+            Its result.
+        seconds : float
+            Its run time [s].
+        """
         arrays = {name: value for name, value in result.items() if isinstance(value, np.ndarray)}
         others = {name: value for name, value in result.items() if name not in arrays}
         if arrays:
@@ -129,11 +161,32 @@ class Store:
         self._insert(run, "done", json.dumps({**plain(others), "arrays": list(arrays)}), "", seconds)
 
     def keep_failure(self, run: Run, message: str, seconds: float) -> None:
-        """Keep why a run failed; its claim ends."""
+        """Keep why a run failed; its claim ends.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+        message : str
+            Why it failed.
+        seconds : float
+            Its run time [s].
+        """
         self._insert(run, "failed", "{}", message, seconds)
 
     def claim(self, run: Run) -> Literal["ours", "theirs", "done"]:
-        """Claim a run for this process, unless it has finished or another living process has claimed it."""
+        """Claim a run for this process, unless it has finished or another living process has claimed it.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+
+        Returns
+        -------
+        {"ours", "theirs", "done"}
+            Who has it.
+        """
         with self._transaction():
             if not self._owner.started:
                 self._tidy()
@@ -148,7 +201,13 @@ class Store:
         return "ours"
 
     def release(self, run: Run) -> None:
-        """End the claim of a run that has no result."""
+        """End the claim of a run that has no result.
+
+        Parameters
+        ----------
+        run : Run
+            The run.
+        """
         with self._in_words():
             self._ledger.execute("delete from claims where key = ? and owner = ?", (run.key, self._owner.token))
 
@@ -166,7 +225,23 @@ class Store:
         ]  # fmt: skip
 
     def result(self, key: str) -> Result:
-        """The result with this key, with its arrays.  Raises `KeyError`."""
+        """Return a result with its arrays.
+
+        Parameters
+        ----------
+        key : str
+            Key of the run.
+
+        Returns
+        -------
+        Result
+            Empty if its arrays are damaged.
+
+        Raises
+        ------
+        KeyError
+            If there is no such run.
+        """
         with self._in_words():
             row = self._ledger.execute("select * from runs where key = ?", (key,)).fetchone()
         if row is None:
@@ -174,7 +249,13 @@ class Store:
         return self._result(row)
 
     def drop(self, keys: Sequence[str]) -> None:
-        """Forget runs and delete their arrays."""
+        """Forget runs and delete their arrays.
+
+        Parameters
+        ----------
+        keys : sequence of str
+            Keys of the runs.
+        """
         with self._transaction():
             self._ledger.executemany("delete from runs where key = ?", [(key,) for key in keys])
         for key in keys:

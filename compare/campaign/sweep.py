@@ -80,7 +80,7 @@ class Sweep:
 def stated_setting(
     rig: str, stated: Sequence[str], *, particle: str, wall: str | None, lab: Path | None = None
 ) -> Setting:
-    """The experiment of a rig without media, and its contacts.
+    """Return the experiment of a rig without media, and the model with its contacts.
 
     Parameters
     ----------
@@ -92,6 +92,11 @@ def stated_setting(
         Names in the lab's folder, or in the published reference; a double pendulum has no wall.
     lab : Path, optional
         Lab folder whose materials, particles and contacts are known by name.
+
+    Returns
+    -------
+    Setting
+        Experiment and model.
 
     Raises
     ------
@@ -144,12 +149,28 @@ def _entry(rig: str, stated: Sequence[str], particle: str, wall: str | None) -> 
 
 
 def lab_setting(folder: Path, only: str | None, *, allow_outside: bool = False) -> tuple[Lab, Setting]:
-    """The experiment of a lab that is swept: its only one with a twin of many particles, or that named `only`.
+    """Return the experiment of a lab that is swept.
+
+    Parameters
+    ----------
+    folder : Path
+        Lab folder.
+    only : str or None
+        Name of the experiment; None: the only one of the lab.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
+
+    Returns
+    -------
+    lab : Lab
+        The lab.
+    setting : Setting
+        Experiment and model.
 
     Raises
     ------
     BadInput
-        If there are several, or none of that name.
+        If there are several experiments, or none of that name, or its twin starts from the measurement.
     """
     lab = read_lab(folder, allow_outside=allow_outside)
     known = {experiment.id: experiment for experiment in lab.experiments}

@@ -105,7 +105,36 @@ def simulate(
     rolling: Rolling | None = None,
     stiffness_factor: float | None = None,
 ) -> Result:
-    """Run the twin that `twin_run` describes, on one thread."""
+    """Run the twin that `twin_run` describes, on one thread.
+
+    Parameters
+    ----------
+    rig : str
+        Name of the rig.
+    rig_settings, particle : mapping
+        Fields of its settings and of the particle, in SI.
+    wall : mapping or None
+        Fields of the material of the wall, in SI.
+    contacts : sequence of mapping
+        Of each contact the ``pair`` and its coefficients [1].
+    effects : mapping of str to mapping
+        Parameters of each effect, in SI.
+    frame_rate : float, optional
+        Frames per second [1/s] of a twin of few bodies.
+    count : int, optional
+        As for `twin_run`.
+    seed : int
+        As for `twin_run`.
+    rolling : Rolling, optional
+        As for `twin_run`.
+    stiffness_factor : float, optional
+        As for `twin_run`.
+
+    Returns
+    -------
+    Result
+        As `twin_run` describes it.
+    """
     from pydantic import TypeAdapter
 
     experiment = Experiment(
@@ -154,7 +183,18 @@ def _result_of(twin: Twin) -> Result:
 
 
 def twin_from(result: Result) -> Twin:
-    """The twin of many particles that gave this result, without its picture and the surfaces over time."""
+    """Return the twin of many particles that gave a result.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+
+    Returns
+    -------
+    Twin
+        The twin, without its picture and the surfaces over time.
+    """
     checks = tuple(
         Check(**{**one, "value": _number(one["value"]), "expected": _number(one["expected"])})
         for one in result["checks"]
@@ -186,7 +226,18 @@ def twin_from(result: Result) -> Twin:
 
 
 def quantities_of(result: Result) -> list[Quantity]:
-    """The quantities of a finished twin, the views of each combined; a value that is not known is NaN."""
+    """Return the quantities of a finished twin, the views of each combined.
+
+    Parameters
+    ----------
+    result : Result
+        The result.
+
+    Returns
+    -------
+    list of Quantity
+        A value that is not known is NaN.
+    """
     return over_views(_quantities(result))
 
 

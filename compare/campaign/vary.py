@@ -44,7 +44,7 @@ class Setting(NamedTuple):
 class Varied:
     """A parameter and its values.
 
-    Parameters
+    Attributes
     ----------
     name : str
         Name of the parameter.
@@ -71,7 +71,21 @@ class Varied:
 
 
 def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varied:
-    """Read ``static_friction=0.05..1.5:8`` or ``outlet=30mm,40mm``; `option` is named in errors.
+    """Read a parameter and its values.
+
+    Parameters
+    ----------
+    text : str
+        ``static_friction=0.05..1.5:8`` (a range with its number of levels) or ``outlet=30mm,40mm``.
+    experiment : Experiment
+        Its twin decides which parameters there are.
+    option : str
+        The option that errors name.
+
+    Returns
+    -------
+    Varied
+        The parameter and its values.
 
     Raises
     ------
@@ -104,12 +118,36 @@ def parse(text: str, experiment: Experiment, *, option: str = "--vary") -> Varie
 
 
 def applies(name: str, experiment: Experiment) -> bool:
-    """Whether the twin of an experiment has a parameter of this name; those of effects apply to every twin."""
+    """Return whether the twin of an experiment has a parameter; those of effects apply to every twin.
+
+    Parameters
+    ----------
+    name : str
+        Name of the parameter.
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    bool
+        Whether it has.
+    """
     return "." in name or name in names(experiment) or name in of_pairs(experiment)
 
 
 def of_pairs(experiment: Experiment) -> dict[str, tuple[str, tuple[str, str]]]:
-    """The parameters of single contacts, ``static_friction@D6-steel``: their parameter and pair."""
+    """Return the parameters of single contacts, ``static_friction@D6-steel``.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    dict of str to tuple
+        By name the parameter and the pair.
+    """
     return {
         f"{parameter}@{a}-{b}": (parameter, (a, b))
         for one, other in experiment.contacts
@@ -119,19 +157,58 @@ def of_pairs(experiment: Experiment) -> dict[str, tuple[str, tuple[str, str]]]:
 
 
 def of_contact(name: str) -> str:
-    """The parameter of a contact that a name means: ``static_friction`` of ``wall_static_friction`` or with a pair."""
+    """Return the parameter of a contact that a name means.
+
+    Parameters
+    ----------
+    name : str
+        The name, also with ``wall_`` before it or a pair behind it.
+
+    Returns
+    -------
+    str
+        ``static_friction`` of ``wall_static_friction`` and of ``static_friction@D6-steel``.
+    """
     return name.removeprefix("wall_").partition("@")[0]
 
 
 def contact_pair(name: str, experiment: Experiment) -> tuple[str, str]:
-    """The pair whose parameter a name means in an experiment."""
+    """Return the pair whose parameter a name means in an experiment.
+
+    Parameters
+    ----------
+    name : str
+        Name of a parameter of a contact.
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    tuple of str
+        Names of the two sides.
+    """
     if "@" in name:
         return of_pairs(experiment)[name][1]
     return experiment.contacts[0 if name.startswith("wall_") else -1]
 
 
 def need_different(said: Sequence[str], experiments: Sequence[Experiment], *, option: str) -> None:
-    """Raise `BadInput` if two of the names mean the same contact's parameter in an experiment, or are the same."""
+    """Refuse names that mean the same parameter.
+
+    Parameters
+    ----------
+    said : sequence of str
+        The names.
+    experiments : sequence of Experiment
+        The experiments.
+    option : str
+        The option that errors name.
+
+    Raises
+    ------
+    BadInput
+        If two of the names are the same, or mean the same contact's parameter in an experiment.
+    """
     for experiment in experiments:
         seen: dict[Any, str] = {}
         for name in (one for one in said if applies(one, experiment)):
@@ -144,7 +221,18 @@ def need_different(said: Sequence[str], experiments: Sequence[Experiment], *, op
 
 
 def names(experiment: Experiment) -> list[str]:
-    """The parameters of an experiment that can be varied, without those of effects."""
+    """Return the parameters of an experiment that can be varied, without those of effects.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    list of str
+        Their names, without those of single contacts (`of_pairs`).
+    """
     own = list(PARAMETERS) if experiment.rig.particles_touch else []
     wall = [] if experiment.wall is None else [f"wall_{name}" for name in PARAMETERS]
     taken = {field.name for field in fields(experiment.rig)} - {"variant", "hanger"}
@@ -152,7 +240,7 @@ def names(experiment: Experiment) -> list[str]:
 
 
 def points(varied: Sequence[Varied], design: Design, number: int | None, seed: int) -> list[Point]:
-    """The points of a design.
+    """Return the points of a design.
 
     Parameters
     ----------
@@ -165,10 +253,15 @@ def points(varied: Sequence[Varied], design: Design, number: int | None, seed: i
     seed : int
         Seed of a design that is no grid.
 
+    Returns
+    -------
+    list of Point
+        Values in SI, by name.
+
     Raises
     ------
     BadInput
-        If number and design do not go together.
+        If number and design do not go together, or there are too many points.
     """
     if design == "grid":
         if number is not None:
@@ -201,7 +294,19 @@ def _point(varied: Sequence[Varied], values: Sequence[float]) -> Point:
 
 
 def at(setting: Setting, point: Point) -> Setting:
-    """The experiment and the model at a point.
+    """Return the experiment and the model at a point.
+
+    Parameters
+    ----------
+    setting : Setting
+        Experiment and model.
+    point : Point
+        Values in SI, by name.
+
+    Returns
+    -------
+    Setting
+        The experiment and the model, changed.
 
     Raises
     ------

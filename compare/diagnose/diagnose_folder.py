@@ -138,7 +138,18 @@ def _diagnose_bulk(
 
 
 def model_of(diagnosis: Diagnosis) -> Model:
-    """The model of the lab: its materials and beads, the fitted contacts and the named effects."""
+    """Return the model of the lab: its materials and beads, the fitted contacts and the named effects.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    Model
+        The model.
+    """
     lab = diagnosis.lab
     materials: dict[str, Material] = {}
     particles: dict[str, Particle] = {}

@@ -82,6 +82,7 @@ class Diagnosis:
 
     @property
     def where(self) -> tuple[Disagreement, ...]:
+        """Regions in which data and model disagree."""
         return self.location.found if self.location else ()
 
     def to_json(self) -> dict[str, Any]:
@@ -224,7 +225,20 @@ def _with_scatter(bench: Regioned, verdict: Diagnosis, base: Fit) -> Diagnosis:
 
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:
-    """Whether an effect acts in the lab's rig; a pendulum that hits a wall has the impact losses of a drop."""
+    """Return whether an effect acts in the lab's rig; a pendulum that hits a wall has the impact losses of a drop.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    lab : TrackedLab
+        The lab.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
     if effect.name == LEVER and not one_material_of_many_sizes(lab):
         return False
     if effect.geometry in ("surface_slope", "surface_direction") and not both_ways(lab):
@@ -242,7 +256,18 @@ def _sizes(lab: TrackedLab) -> bool:
 
 
 def bench_of(lab: TrackedLab) -> Regioned:
-    """The reduced model of the lab's rig, bound to its data."""
+    """Return the reduced model of the lab's rig, bound to its data.
+
+    Parameters
+    ----------
+    lab : TrackedLab
+        The lab.
+
+    Returns
+    -------
+    Regioned
+        The model.
+    """
     builders: dict[str, Callable[[TrackedLab], Any]] = {
         "drop": DropBench,
         "pendulum": DoubleBench if lab.conditions[0].wall else PendulumBench,
@@ -551,7 +576,18 @@ def _statistic(location: Location | None) -> dict[str, Any] | None:
 
 
 def in_words(location: Location | None) -> str:
-    """Where data and model disagree, in one or two sentences."""
+    """Return where data and model disagree, in one or two sentences.
+
+    Parameters
+    ----------
+    location : Location or None
+        What `locate` found.
+
+    Returns
+    -------
+    str
+        The sentences.
+    """
     if location is None:
         return "not located"
     if not location.tested:

@@ -40,7 +40,20 @@ def methods(found: Diagnosis, versions: Mapping[str, str]) -> Methods:
 
 
 def bulk_methods(found: BulkDiagnosis, versions: Mapping[str, str]) -> Methods:
-    """The methods text of the diagnosis of a lab with many particles; parameters as in `methods`."""
+    """Return the methods text of the diagnosis of a lab with many particles.
+
+    Parameters
+    ----------
+    found : BulkDiagnosis
+        The finished diagnosis.
+    versions : mapping of str to str
+        As for `methods`.
+
+    Returns
+    -------
+    Methods
+        Its paragraphs.
+    """
     return Methods((("Diagnosis", " ".join(_of_numbers(found))), ("Software", software(versions))))
 
 

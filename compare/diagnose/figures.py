@@ -37,12 +37,20 @@ SETTLED = 60  # steps of the fixed-point iteration for the impact speed, which c
 
 
 def figures(diagnosis: Diagnosis) -> dict[str, FigureFile]:
-    """Figures by name, the leading one first; none where nothing was fitted.
+    """Draw the figures of a diagnosis; none where nothing was fitted.
 
-    ``residual``: measurement and twin over time in the condition and coordinate in which the twin before is worst.
-    ``restitution`` (drops): restitution against impact speed.  ``contact`` (other rigs with a contact): deviations from
-    the contact law.  ``amplitude`` (single pendulums): amplitude over time.  ``overview``: mean residuals of all
-    conditions.
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    dict of str to FigureFile
+        By name, the leading one first.  ``residual``: measurement and twin over time in the condition and coordinate in
+        which the twin before is worst.  ``restitution`` (drops): restitution against impact speed.  ``contact`` (other
+        rigs with a contact): deviations from the contact law.  ``amplitude`` (single pendulums): amplitude over time.
+        ``overview``: mean residuals of all conditions.
 
     Notes
     -----

@@ -18,7 +18,22 @@ from rigtwin.lab.formatting import unit_of
 
 
 def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -> str:
-    """The HTML text of the whole page, with its figures and its methods text."""
+    """Return the HTML text of the whole page.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        The diagnosis.
+    drawn : mapping of str to FigureFile
+        Its figures, as of `rigtwin.compare.diagnose.figures.figures`.
+    text : Methods
+        Its methods text.
+
+    Returns
+    -------
+    str
+        HTML text.
+    """
     naming, document = diagnosis.naming, diagnosis.to_json()
     plots = list(drawn.values())
     return filled(
@@ -95,7 +110,18 @@ def _candidate_row_of(diagnosis: Diagnosis, term: Any) -> str:
 
 
 def parameters_in_words(found: Mapping[str, Mapping[str, Any]]) -> str:
-    """Coefficients with their standard uncertainties."""
+    """Return coefficients with their standard uncertainties.
+
+    Parameters
+    ----------
+    found : mapping of str to mapping
+        By name ``value``, ``std`` and ``unit`` (SI) of each coefficient.
+
+    Returns
+    -------
+    str
+        The words.
+    """
 
     def one(name: str, about: Mapping[str, Any]) -> str:
         each = ", ".join(f"{value:.4g} for {pair}" for pair, value in about.get("by_pair", {}).items())
@@ -106,7 +132,18 @@ def parameters_in_words(found: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def gap_rows(gap: Gap | None) -> list[dict[str, str]]:
-    """The gap on all data and on data held out, as the page shows it."""
+    """Return the gap on all data and on data held out, as the page shows it.
+
+    Parameters
+    ----------
+    gap : Gap or None
+        The gap.
+
+    Returns
+    -------
+    list of dict
+        Rows of the table.
+    """
     if gap is None:
         return []
     rows = [

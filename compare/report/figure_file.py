@@ -116,8 +116,20 @@ def figure_files(page: str, figures: Iterable[FigureFile]) -> dict[str, str | by
 
 
 def column_name(label: str) -> str:
-    """The name of a column for the label of an axis.
+    """Return the name of a column for the label of an axis.
 
+    Parameters
+    ----------
+    label : str
+        The label.
+
+    Returns
+    -------
+    str
+        The name.
+
+    Examples
+    --------
     >>> column_name("height above the plate / mm"), column_name("restitution [1]")
     ('height_above_the_plate_mm', 'restitution')
     """
@@ -127,8 +139,20 @@ def column_name(label: str) -> str:
 
 
 def slug(words: str) -> str:
-    """A name of a file: letters, digits, points, hyphens and underscores.
+    """Return a name of a file: letters, digits, points, hyphens and underscores.
 
+    Parameters
+    ----------
+    words : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The name.
+
+    Examples
+    --------
     >>> slug("pair/1: height of the bead")
     'pair-1-height-of-the-bead'
     """
@@ -136,8 +160,20 @@ def slug(words: str) -> str:
 
 
 def unique_names(names: Iterable[str]) -> Iterator[str]:
-    """The names, with a number behind those that stand there already.
+    """Yield names, with a number behind those that stand there already.
 
+    Parameters
+    ----------
+    names : iterable of str
+        The names.
+
+    Yields
+    ------
+    str
+        The names, all different.
+
+    Examples
+    --------
     >>> list(unique_names(["heap", "heap", "bed"]))
     ['heap', 'heap-2', 'bed']
     """

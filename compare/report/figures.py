@@ -23,7 +23,22 @@ DRAWN_ROWS = ("experiment", "quantity", "method", "deviation_percent", "low_95_p
 
 
 def overlay_figure(overlay: Overlay, name: str, caption: str) -> FigureFile:
-    """Measured and simulated curves on common axes, single curves faint, their means strong."""
+    """Draw measured and simulated curves on common axes, single curves faint, their means strong.
+
+    Parameters
+    ----------
+    overlay : Overlay
+        The curves.
+    name : str
+        Name of the figure's files.
+    caption : str
+        Its caption.
+
+    Returns
+    -------
+    FigureFile
+        The figure.
+    """
     low, high = overlay.span
     tall = 3.2
     if overlay.to_scale:
@@ -66,7 +81,18 @@ def _drawn(overlay: Overlay) -> tuple[Curve, ...]:
 
 
 def tone(row: Deviation) -> str:
-    """How a verdict is coloured: "good", "bad", "doubtful" or "plain"."""
+    """Return how a verdict is coloured.
+
+    Parameters
+    ----------
+    row : Deviation
+        The row with the verdict.
+
+    Returns
+    -------
+    str
+        "good", "bad", "doubtful" or "plain".
+    """
     if row.doubtful:
         return "doubtful"
     if row.verdict.startswith("agree"):
@@ -75,13 +101,37 @@ def tone(row: Deviation) -> str:
 
 
 def half_interval(row: Deviation) -> float:
-    """Half of the 95 % interval of a percent deviation [%]; infinite where nothing is known of it."""
+    """Return half of the 95 % interval of a percent deviation.
+
+    Parameters
+    ----------
+    row : Deviation
+        The row, whose standard deviation is known.
+
+    Returns
+    -------
+    float
+        Half of the interval [%]; infinite where nothing is known of it.
+    """
     assert row.percent_deviation_std is not None
     return (row.coverage_factor or 1.96) * row.percent_deviation_std
 
 
 def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | None:
-    """Percent deviations with their 95 % intervals, on an axis to `widest` [%]; None where nothing is compared."""
+    """Draw percent deviations with their 95 % intervals.
+
+    Parameters
+    ----------
+    rows : sequence of Deviation
+        The rows.
+    widest : float
+        End of the axis [%].
+
+    Returns
+    -------
+    FigureFile or None
+        None where nothing is compared.
+    """
     shown = [(row, row.percent_deviation) for row in rows if row.percent_deviation is not None]
     shown = [(row, deviation) for row, deviation in shown if row.percent_deviation_std is not None]
     if not shown:

@@ -6,7 +6,20 @@ from typing import Any
 
 
 def filled(template: str, **values: Any) -> str:
-    """The filled text of a template of ``compare/report/templates``; values are escaped in HTML only."""
+    """Return the filled text of a template.
+
+    Parameters
+    ----------
+    template : str
+        Name of a file of ``compare/report/templates``.
+    **values : object
+        Values by name; they are escaped in HTML only.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     import jinja2
 
     environment = jinja2.Environment(

@@ -40,7 +40,18 @@ class Methods:
         return [(heading, [_as_html(part) for part in text.split("\n\n")]) for heading, text in self.paragraphs]
 
     def files(self, page: str) -> dict[str, str]:
-        """Content of ``PAGE-methods.md`` and ``PAGE-references.bib``, for `result_files.write_together`."""
+        """Return the files of the text, for `result_files.write_together`.
+
+        Parameters
+        ----------
+        page : str
+            Name of the page.
+
+        Returns
+        -------
+        dict of str to str
+            Content of ``PAGE-methods.md`` and ``PAGE-references.bib``.
+        """
         return {f"{page}-methods.md": self.markdown, f"{page}-references.bib": self.bibtex}
 
     @property
@@ -50,14 +61,37 @@ class Methods:
 
 
 def software(versions: Mapping[str, str]) -> str:
-    """The sentence on versions of programs."""
+    """Return the sentence on versions of programs.
+
+    Parameters
+    ----------
+    versions : mapping of str to str
+        Versions by name.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
     names = {"python": "Python", "opencv-python-headless": "OpenCV", "av": "PyAV"}
     return f"Versions: {', '.join(f'{names.get(name, name)} {version}' for name, version in versions.items())}."
 
 
 def listed(words: Iterable[str]) -> str:
-    """Words as a list in a sentence.
+    """Return words as a list in a sentence.
 
+    Parameters
+    ----------
+    words : iterable of str
+        At least one.
+
+    Returns
+    -------
+    str
+        The list.
+
+    Examples
+    --------
     >>> listed(["a"]), listed(["a", "b", "c"])
     ('a', 'a, b and c')
     """
@@ -66,8 +100,22 @@ def listed(words: Iterable[str]) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """A number of things.
+    """Return a number of things in words.
 
+    Parameters
+    ----------
+    number : int
+        The number.
+    what : str
+        One of them.
+
+    Returns
+    -------
+    str
+        The words.
+
+    Examples
+    --------
     >>> counted(1, "repetition"), counted(3, "repetition")
     ('1 repetition', '3 repetitions')
     """
@@ -75,12 +123,36 @@ def counted(number: int, what: str) -> str:
 
 
 def were(number: int, what: str) -> str:
-    """A number of things with the verb of the passive voice that follows."""
+    """Return a number of things with the verb of the passive voice that follows.
+
+    Parameters
+    ----------
+    number, what : int, str
+        As for `counted`.
+
+    Returns
+    -------
+    str
+        The words.
+    """
     return f"{counted(number, what)} {'were' if number != 1 else 'was'}"
 
 
 def effect_sentence(title: str, equation: str, source: str, numbers: str = "") -> str:
-    """The sentence on an effect, with its source as citation where the bibliography has it."""
+    """Return the sentence on an effect, with its source as citation where the bibliography has it.
+
+    Parameters
+    ----------
+    title, equation, source : str
+        As of `rigtwin.sim.effects.Effect`.
+    numbers : str
+        Values of its coefficients, in words.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
     keys = "; ".join(f"@{key}" for key in cited(source))
     return f"Effect {title}: {equation}{numbers} {f'[{keys}]' if keys else f'({source})'}."
 

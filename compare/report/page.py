@@ -71,13 +71,25 @@ class CheckLine:
 
     @property
     def verdict(self) -> str:
+        """In how many repetitions it passed, in words."""
         if self.passed == self.of:
             return "passed" if self.of == 1 else f"passed in all {self.of}"
         return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
 
 
 def drawn_figures(comparison: Comparison) -> dict[str, list[FigureFile]]:
-    """All figures of the page, by name of their experiment; that of all deviations under an empty name."""
+    """Draw all figures of the page.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+
+    Returns
+    -------
+    dict of str to list of FigureFile
+        By name of their experiment; that of all deviations under an empty name.
+    """
     rows = headlines(comparison.deviations)
     found = {"": [one] if (one := figures.deviations_figure(rows, _widest(rows))) is not None else []}
     names = unique_names(
@@ -97,7 +109,26 @@ def report(
     drawn: Mapping[str, Sequence[FigureFile]],
     text: Methods,
 ) -> str:
-    """The text of the page; `provenance` is the content of provenance.json, `out` the folder of the page."""
+    """Return the text of the page.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        The comparison.
+    provenance : mapping
+        Content of ``provenance.json``.
+    out : Path
+        Folder of the page.
+    drawn : mapping of str to sequence of FigureFile
+        Its figures, as of `drawn_figures`.
+    text : Methods
+        Its methods text.
+
+    Returns
+    -------
+    str
+        HTML text.
+    """
     return filled(
         "report.html",
         title=comparison.lab.title,

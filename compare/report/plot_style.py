@@ -39,7 +39,18 @@ _MOST_POINTS = 500  # largest number of points in a curve; more are not visible 
 
 @contextmanager
 def canvas(height: float = 3.2) -> Iterator[tuple[Figure, Axes]]:
-    """A figure of `height` [inch] with one pair of axes in the report's style; without pyplot and its global state."""
+    """Open a figure with one pair of axes in the report's style; without pyplot and its global state.
+
+    Parameters
+    ----------
+    height : float
+        Height of the figure [inch].
+
+    Yields
+    ------
+    figure, axes : Figure, Axes
+        As of matplotlib.
+    """
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -49,5 +60,17 @@ def canvas(height: float = 3.2) -> Iterator[tuple[Figure, Axes]]:
 
 
 def thin(x: Array, y: Array) -> tuple[Array, Array]:
+    """Leave out points of a curve that has more than are visible.
+
+    Parameters
+    ----------
+    x, y : Array, shape (n,)
+        The points.
+
+    Returns
+    -------
+    x, y : Array, shape (m,)
+        Every k-th of them.
+    """
     step = max(1, math.ceil(len(x) / _MOST_POINTS))
     return x[::step], y[::step]

@@ -15,12 +15,43 @@ from rigtwin.lab.reference import hlosta2020
 
 
 def model_of(lab: Path | None, particle: str | None = None) -> Model:
-    """The model of a lab folder, whose media need not exist yet, with this `particle` or all; or an empty model."""
+    """Return the model of a lab folder, whose media need not exist yet.
+
+    Parameters
+    ----------
+    lab : Path or None
+        The folder; None: an empty model.
+    particle : str, optional
+        As for `rigtwin.lab.file.lab_file.read_cast`.
+
+    Returns
+    -------
+    Model
+        Materials, particles and contacts.
+    """
     return Model() if lab is None else read_cast(lab, particle)
 
 
 def particle(name: str, model: Model) -> Particle:
-    """A particle of the model, else of the published reference."""
+    """Return a particle of the model, else of the published reference.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    model : Model
+        The model.
+
+    Returns
+    -------
+    Particle
+        The particle.
+
+    Raises
+    ------
+    BadInput
+        If there is none.
+    """
     if name in model.particles:
         return model.particles[name]
     if name in hlosta2020.NAMES:
@@ -30,7 +61,25 @@ def particle(name: str, model: Model) -> Particle:
 
 
 def wall(name: str, model: Model) -> Material:
-    """A material of the model, else of the published reference."""
+    """Return a material of the model, else of the published reference.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    model : Model
+        The model.
+
+    Returns
+    -------
+    Material
+        The material.
+
+    Raises
+    ------
+    BadInput
+        If there is none.
+    """
     if name in model.materials:
         return model.materials[name]
     if name in hlosta2020.MATERIALS:
@@ -50,9 +99,30 @@ def contact(
     rolling_friction: float | None = None,
     options: bool = True,
 ) -> Contact:
-    """A contact; each parameter is taken from the option, else from the model, else from the published reference.
+    """Return a contact; each parameter is that which is given, else the model's, else the published one.
 
-    `options` says whether there are such options to name in a refusal.
+    Parameters
+    ----------
+    a, b : str
+        Names of the two sides, in any order.
+    model : Model
+        The model.
+    needs : sequence of str
+        Parameters that must be known.
+    restitution, static_friction, rolling_friction : float, optional
+        Parameters that are given [1].
+    options : bool
+        Whether there are options for them, which a refusal can name.
+
+    Returns
+    -------
+    Contact
+        The contact.
+
+    Raises
+    ------
+    BadInput
+        If a needed parameter is not known.
     """
     known = KnownContact(restitution, static_friction, rolling_friction).filled(model.known_contact(a, b))
     with suppress(BadInput):  # the pair is not published

@@ -25,9 +25,24 @@ NAME = "custom"
 
 
 def cast_of_own(own: OwnRig) -> tuple[Cast, dict[str, tuple[Material, Contact]]]:
-    """Particle, wall and contacts of a rig; and material and contact of walls that are of another material.
+    """Return particle, wall and contacts of a rig of the user's own.
 
-    Raises `BadInput` where a contact is not known.
+    Parameters
+    ----------
+    own : OwnRig
+        The rig.
+
+    Returns
+    -------
+    cast : Cast
+        Particle, the rig's wall, and their contacts.
+    surfaces : dict of str to tuple
+        Material and contact of walls that are of another material, by name.
+
+    Raises
+    ------
+    BadInput
+        If a contact is not known.
     """
     bead, model = own.particle, own.model
 
@@ -97,7 +112,24 @@ def custom_result(
     *,
     surfaces: Mapping[str, tuple[Material, Contact]] | None = None,
 ) -> Twin:
-    """The twin of a run that was simulated; `computed` says how, the other parameters are those of `custom_twin`."""
+    """Return the twin of a run that was simulated.
+
+    Parameters
+    ----------
+    rig, cast : CustomRig, Cast
+        As for `custom_twin`.
+    course : Course
+        What happened in the run.
+    computed : Computed
+        How it was computed.
+    surfaces : mapping, optional
+        As for `custom_twin`.
+
+    Returns
+    -------
+    Twin
+        As `custom_twin` returns it.
+    """
     from rigtwin.sim import custom
 
     found = []

@@ -82,9 +82,28 @@ def imported_twin(folder: Path, progress: Progress = silent) -> Twin:
 
 
 def imported_for(experiment: Experiment, folder: Path, model: Model) -> tuple[Twin, tuple[str, ...]]:
-    """The twin of an experiment that another code computed, and remarks on it.
+    """Read the twin of an experiment that another code computed.
 
-    Raises `BadInput` where rig, particle, wall or number of particles are not those of the experiment.
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+    folder : Path
+        Folder of the deck, which has run.
+    model : Model
+        The model of the lab.
+
+    Returns
+    -------
+    twin : Twin
+        The twin.
+    remarks : tuple of str
+        Remarks on it.
+
+    Raises
+    ------
+    BadInput
+        If rig, particle, wall or number of particles are not those of the experiment.
     """
     from rigtwin.sim.decks.deck import TITLES, read_deck
 

@@ -29,12 +29,36 @@ if TYPE_CHECKING:
 
 
 def stated_start(experiment: Experiment) -> float | None:
-    """Return the stated drop height [m] or release angle [deg]; None for other rigs, or where it is not stated."""
+    """Return the stated start of a twin.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    float or None
+        Drop height [m] or release angle [deg]; None for other rigs, or where it is not stated.
+    """
     return entry_of(experiment).stated_start(experiment)
 
 
 def measured_start(experiment: Experiment, measurement: Measurement) -> Quantity | None:
-    """Return the measured drop height, or release angle of bead A; a doubtful one only where there is no other."""
+    """Return the measured start of a twin.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+    measurement : Measurement
+        One of its repetitions.
+
+    Returns
+    -------
+    Quantity or None
+        Drop height, or release angle of bead A; a doubtful one only where there is no other.
+    """
     name = entry_of(experiment).starts_from
     mine = [q for q in measurement.quantities if q.quantity == name and math.isfinite(q.value)]
     return min(mine, key=lambda quantity: bool(quantity.doubtful), default=None)
@@ -53,11 +77,42 @@ def twin_of(
     kept_in: Path | None = None,
     progress: Progress = silent,
 ) -> Twin:
-    """The matched twin of an experiment under a model.
+    """Run the matched twin of an experiment under a model.
 
-    The twin starts from the stated value, else from the measured mean; `Twin.set_from` records which.  A run of many
-    particles writes checkpoints into the folder `kept_in` and continues from them.  Raises `BadInput` if a contact that
-    the rig needs is not known.
+    The twin starts from the stated value, else from the measured mean; `Twin.set_from` records which.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+    model : Model
+        Contacts and effects.
+    measurements : sequence of Measurement
+        Its repetitions.
+    count : int, optional
+        Number of particles where lab.toml states none.
+    seed : int
+        Seed of a run of many particles.
+    threads : int, optional
+        CPU threads.  Default: all.
+    stiffness_factor : float, optional
+        Factor on the moduli in a run of many particles [1].
+    rolling : Rolling, optional
+        Rolling resistance law of a run of many particles.
+    kept_in : Path, optional
+        Folder into which a run of many particles writes checkpoints, and from which it continues.
+    progress : Progress
+        Called with step, number and count.
+
+    Returns
+    -------
+    Twin
+        The twin.
+
+    Raises
+    ------
+    BadInput
+        If a contact that the rig needs is not known, or a setting is not possible.
     """
     entry = entry_of(experiment)
     contacts = [model.contact(*names, entry.needed(experiment)) for names in experiment.contacts]
@@ -86,9 +141,23 @@ def twin_of(
 
 
 def as_seen(experiment: Experiment, measurements: Sequence[Measurement], count: int | None) -> tuple[Experiment, str]:
-    """The experiment with settings that its media show and lab.toml does not state, and what these are in words.
+    """Fill in settings that the media of an experiment show and lab.toml does not state.
 
-    A `count` that the user gives takes precedence over the number of particles that the media show.
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+    measurements : sequence of Measurement
+        Its repetitions.
+    count : int or None
+        Number of particles that the user gives; it takes precedence over that which the media show.
+
+    Returns
+    -------
+    experiment : Experiment
+        The experiment with these settings.
+    seen : str
+        What they are, in words; empty where there are none.
     """
     entry = entry_of(experiment)
     if count is not None and entry.takes_count(experiment):
@@ -97,7 +166,20 @@ def as_seen(experiment: Experiment, measurements: Sequence[Measurement], count: 
 
 
 def checkpoints(folder: Path, experiment: Experiment) -> list[Path]:
-    """Checkpoints of an experiment's twins in `folder`."""
+    """Return the checkpoints of an experiment's twins.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of checkpoints.
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
     return sorted(folder.glob(f"{_digest(experiment.id)}-*.npz"))
 
 

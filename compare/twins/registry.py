@@ -31,5 +31,16 @@ ENTRIES: dict[str, RigEntry[Any]] = {
 
 
 def entry_of(experiment: Experiment) -> RigEntry[Any]:
-    """Return the entry of an experiment's rig."""
+    """Return the entry of an experiment's rig.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    RigEntry
+        The entry.
+    """
     return ENTRIES[experiment.rig.name]

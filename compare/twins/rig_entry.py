@@ -56,68 +56,252 @@ class RigEntry(ABC, Generic[Settings]):
     starts_from: ClassVar[str | None] = None  # quantity whose measured mean starts the twin unless it is stated
 
     def rig(self, experiment: Experiment) -> Settings:
-        """Return the settings of the experiment's rig."""
+        """Return the settings of the experiment's rig.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        Settings
+            An object of `settings`.
+        """
         assert isinstance(experiment.rig, self.settings)
         return cast("Settings", experiment.rig)
 
     def needed(self, experiment: Experiment) -> tuple[str, ...]:
-        """Return the parameters of a contact that the twin of the experiment cannot do without."""
+        """Return the parameters of a contact that the twin cannot do without.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        tuple of str
+            Their names.
+        """
         return self.needs
 
     def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
-        """Return the experiment with settings that are not stated taken from its media, and in words what they show."""
+        """Fill in settings that the media show and that are not stated.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        measurements : sequence of Measurement
+            Its repetitions.
+
+        Returns
+        -------
+        experiment : Experiment
+            The experiment with these settings.
+        seen : str
+            What they are, in words; empty where there are none.
+        """
         return experiment, ""
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
-        """Return in words the settings of the twin that are neither stated nor measured."""
+        """Return the settings of the twin that are neither stated nor measured.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        count : int or None
+            Number of particles that the user gives.
+
+        Returns
+        -------
+        list of str
+            The settings, in words.
+        """
         return []
 
     def is_photo(self, view: Path) -> bool:
-        """Whether a medium of this rig is a photo, not a film."""
+        """Return whether a medium of this rig is a photo, not a film.
+
+        Parameters
+        ----------
+        view : Path
+            The medium.
+
+        Returns
+        -------
+        bool
+            Whether it is.
+        """
         return bool(self.settings.several_views)
 
     def check_media(self, experiment: Experiment, views: Sequence[Path]) -> None:
-        """Raise `BadInput` where the rig's quantities cannot be read from these media."""
+        """Refuse media from which the rig's quantities cannot be read.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        views : sequence of Path
+            Media of one repetition.
+
+        Raises
+        ------
+        BadInput
+            If they cannot.
+        """
 
     @abstractmethod
     def known(self, experiment: Experiment) -> dict[str, Any]:
-        """Return the keyword arguments of ``measure.<rig>.measurement.measure`` that the lab file states."""
+        """Return the keyword arguments of ``measure.<rig>.measurement.measure`` that the lab file states.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        dict of str to object
+            In SI units, by name.
+        """
 
     @abstractmethod
     def stated(self, experiment: Experiment) -> list[Stated]:
-        """Return the rig's settings for the report."""
+        """Return the rig's settings for the report.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        list of Stated
+            The settings.
+        """
 
     @abstractmethod
     def curves(
         self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]
     ) -> Iterable[Overlay]:
-        """Return the curves that are laid over each other; `twins` are the runs of the twin."""
+        """Return the curves that are laid over each other.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        measured : sequence of Measurement
+            Its repetitions.
+        twins : sequence of Twin
+            The runs of its twin.
+
+        Returns
+        -------
+        iterable of Overlay
+            The overlays.
+        """
 
     def filling(self, experiment: Experiment) -> float | None:
-        """Return the mass [kg] of all particles, weighed or counted; None where the rig holds a single body."""
+        """Return the mass of all particles, weighed or counted.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        float or None
+            Mass [kg]; None where the rig holds a single body, or where it is not known.
+        """
         return None
 
     def stated_start(self, experiment: Experiment) -> float | None:
-        """Return the stated value of `starts_from`, in that quantity's unit; None where it is not stated."""
+        """Return the stated value of `starts_from`.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        float or None
+            In the unit of that quantity; None where it is not stated.
+        """
         return None
 
     def contradictions(self, experiment: Experiment, measurements: Sequence[Measurement]) -> Iterable[str]:
-        """Return a warning for each repetition that contradicts a stated setting other than `starts_from`."""
+        """Return a warning for each repetition that contradicts a stated setting other than `starts_from`.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        measurements : sequence of Measurement
+            Its repetitions.
+
+        Returns
+        -------
+        iterable of str
+            The warnings.
+        """
         return ()
 
     def needs_measurement(self, experiment: Experiment) -> bool:
-        """Whether the twin takes its start, frame rate or duration from the measurement."""
+        """Return whether the twin takes its start, frame rate or duration from the measurement.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        bool
+            Whether it does.
+        """
         return False
 
     def takes_count(self, experiment: Experiment) -> bool:
-        """Whether the lab file leaves open how many particles the twin has."""
+        """Return whether the lab file leaves open how many particles the twin has.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+
+        Returns
+        -------
+        bool
+            Whether it does.
+        """
         return False
 
     @abstractmethod
     def check(self, experiment: Experiment, *, model: Model, frame_rate: float | None, count: int | None) -> None:
-        """Raise `BadInput` where the twin would refuse its settings.
+        """Refuse settings that the twin would refuse.
 
-        What depends on a measurement, or on a `frame_rate` [1/s] that is not known (None), is not checked.
+        What depends on a measurement is not checked.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        model : Model
+            Contacts and effects.
+        frame_rate : float or None
+            Frames per second [1/s]; what depends on one that is not known (None) is not checked.
+        count : int or None
+            Number of particles that the user gives.
+
+        Raises
+        ------
+        BadInput
+            If the twin would.
         """
 
     @abstractmethod
@@ -136,6 +320,29 @@ class RigEntry(ABC, Generic[Settings]):
     ) -> Twin:
         """Run the twin.
 
-        `start` is the measured mean of `starts_from` in that quantity's unit, `contacts` has the wall first, `numerics`
-        are the settings of a simulation of many particles.
+        Parameters
+        ----------
+        experiment : Experiment
+            The experiment.
+        contacts : sequence of Contact
+            Its contacts, that with the wall first.
+        measurements : sequence of Measurement
+            Its repetitions.
+        start : float or None
+            Measured mean of `starts_from`, in the unit of that quantity.
+        count : int or None
+            Number of particles that the user gives.
+        seed : int
+            Seed of the random numbers.
+        effects : Effects
+            Effects of the model.
+        progress : Progress
+            Called with step, number and count.
+        numerics : dict of str to object
+            Settings of a simulation of many particles.
+
+        Returns
+        -------
+        Twin
+            The twin.
         """

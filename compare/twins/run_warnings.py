@@ -20,8 +20,20 @@ _OF_LABS = {"--stiffness-factor"}  # options of `simulate` that `compare` has, t
 
 
 def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
-    """Warnings of several runs: each kind in its worst form, with the number of runs.
+    """Return the warnings of several runs: each kind in its worst form, with the number of runs.
 
+    Parameters
+    ----------
+    said : iterable of iterable of str
+        The warnings of each run.
+
+    Returns
+    -------
+    dict of str to int
+        Number of runs by warning.
+
+    Examples
+    --------
     >>> once([["only 9 of 10 had left"], ["only 29 of 30 had left", "pressed by 5 %"], []])
     {'only 9 of 10 had left': 2, 'pressed by 5 %': 1}
     """
@@ -36,13 +48,36 @@ def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
 
 
 def warned(result: Mapping[str, Any]) -> list[str]:
-    """The warnings of a run without their advice, which names options of `simulate`."""
+    """Return the warnings of a run without their advice, which names options of `simulate`.
+
+    Parameters
+    ----------
+    result : mapping
+        Its result, with ``warnings``.
+
+    Returns
+    -------
+    list of str
+        The warnings.
+    """
     return [warning.partition(";")[0] for warning in result.get("warnings") or ()]
 
 
 def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
-    """The warnings of a twin, without advice that names an option which twins of a lab do not have.
+    """Return the warnings of a twin without advice that names an option which twins of a lab do not have.
 
+    Parameters
+    ----------
+    warnings : iterable of str
+        The warnings.
+
+    Returns
+    -------
+    tuple of str
+        The warnings.
+
+    Examples
+    --------
     >>> fit_for_a_lab(["it moves; raise --fill-limit", "it is soft; give a larger --stiffness-factor"])
     ('it moves', 'it is soft; give a larger --stiffness-factor')
     """
@@ -51,8 +86,20 @@ def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
 
 
 def spoilt(result: Mapping[str, Any]) -> Sequence[str]:
-    """Reasons why the numbers of a run are doubtful: still moving, lost particles, jammed or not empty.
+    """Return the reasons why the numbers of a run are doubtful: still moving, lost particles, jammed or not empty.
 
+    Parameters
+    ----------
+    result : mapping
+        Its result, with ``warnings``.
+
+    Returns
+    -------
+    sequence of str
+        The reasons.
+
+    Examples
+    --------
     >>> rest = "only 5 of 60 beads had left the hopper when the run ended"
     >>> spoilt({"warnings": [rest], "emptied": 5})
     []

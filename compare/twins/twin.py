@@ -62,7 +62,20 @@ class Twin(Readable):
 
 
 def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
-    """Write records, quantities and picture of a twin into `out`; returns the written files by kind."""
+    """Write records, quantities and picture of a twin.
+
+    Parameters
+    ----------
+    twin : Twin
+        The twin.
+    out : Path
+        Folder, made where it is missing.
+
+    Returns
+    -------
+    dict of str to Path
+        The written files by kind.
+    """
     out.mkdir(parents=True, exist_ok=True)
     files: dict[str, Path] = {}
     if twin.tracks:
@@ -95,7 +108,18 @@ def _write_picture(path: Path, picture: npt.NDArray[np.uint8]) -> None:
 
 
 def stated(**settings: Any) -> dict[str, Any]:
-    """The settings that are not None; for the others the called function uses its defaults."""
+    """Return the settings that are not None; for the others the called function uses its defaults.
+
+    Parameters
+    ----------
+    **settings : object
+        Settings by name.
+
+    Returns
+    -------
+    dict of str to object
+        Those that are not None.
+    """
     return {name: value for name, value in settings.items() if value is not None}
 
 
@@ -108,9 +132,27 @@ def settings_of(
     computed_by: str = "",
     **more: Any,
 ) -> dict[str, Any]:
-    """Settings of a twin that has run, in SI units, with device and CPU threads (`threads` None: all).
+    """Return the settings of a twin that has run, in SI units.
 
-    `computed_by` names another program that computed it.
+    Parameters
+    ----------
+    rig : Rig or CustomRig
+        As simulated.
+    particle : Particle
+        As simulated.
+    contacts : dict of str to Contact
+        Contacts by the names of their sides.
+    threads : int, optional
+        CPU threads of the run.  Default: all.
+    computed_by : str
+        Another program that computed it, in place of the own device and threads.
+    **more : object
+        Further settings.
+
+    Returns
+    -------
+    dict of str to object
+        The settings.
     """
     return {
         "rig": asdict(rig),

@@ -33,7 +33,7 @@ Value = str | float | bool | Sequence[str] | None
 class LabEdit:
     """Changes to one lab.toml, the last of which can be undone.
 
-    Parameters
+    Attributes
     ----------
     path : Path
         The lab.toml.
@@ -96,7 +96,7 @@ class LabEdit:
 
 
 def with_key(content: bytes, path: Path, experiment: int, key: Sequence[str], value: Value) -> bytes:
-    """The content of lab.toml with one key of an experiment set, or taken out if `value` is None.
+    """Return the content of lab.toml with one key of an experiment set, or taken out if `value` is None.
 
     Parameters
     ----------
@@ -110,6 +110,11 @@ def with_key(content: bytes, path: Path, experiment: int, key: Sequence[str], va
         Tables and key within the experiment, like ``("camera", "base")``.
     value : str, float, bool, sequence of str or None
         What it shall hold.
+
+    Returns
+    -------
+    bytes
+        The new content.
 
     Raises
     ------

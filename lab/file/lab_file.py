@@ -73,7 +73,18 @@ class Experiment:
     """`repetitions` with the rejected files in their places."""
 
     def camera_of(self, view: Path) -> Camera:
-        """What is stated of the camera of one file."""
+        """Return what is stated of the camera of one file.
+
+        Parameters
+        ----------
+        view : Path
+            The file.
+
+        Returns
+        -------
+        Camera
+            The camera.
+        """
         return self.cameras.get(view, self.camera)
 
     @property
@@ -111,24 +122,91 @@ class Lab:
     """How near the clump of each particle with an STL file comes to it."""
 
     def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
-        """The contact of two names in any order.  Raises `BadInput` when a parameter in `needs` is not known."""
+        """Return the contact of two names.
+
+        Parameters
+        ----------
+        a, b : str
+            Names of the two sides, in any order.
+        needs : sequence of str
+            Parameters that must be known.
+
+        Returns
+        -------
+        Contact
+            The contact.
+
+        Raises
+        ------
+        TwinLacks
+            If a needed parameter is not known.
+        """
         return self.model.contact(a, b, needs)
 
     def experiment(self, name: str) -> Experiment:
-        """The experiment with this id; raises `KeyError`."""
+        """Return an experiment.
+
+        Parameters
+        ----------
+        name : str
+            Its id.
+
+        Returns
+        -------
+        Experiment
+            The experiment.
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+        """
         return {experiment.id: experiment for experiment in self.experiments}[name]
 
 
 def read_lab(folder: Path, *, allow_outside: bool = False) -> Lab:
-    """Read the lab in `folder` (or the lab.toml itself), whose files lie in it unless `allow_outside`.
+    """Read a lab.
 
-    Raises `BadLabFile` in one sentence: the file, the line, the key, what is wrong and what to write instead.
+    Parameters
+    ----------
+    folder : Path
+        The folder with the lab.toml, or the lab.toml itself.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
+
+    Returns
+    -------
+    Lab
+        All that the lab.toml says.
+
+    Raises
+    ------
+    BadLabFile
+        If something is wrong, in one sentence: the file, the line, the key, what is wrong and what to write instead.
     """
     return lab_of(read_document(folder / "lab.toml" if folder.is_dir() else folder), allow_outside=allow_outside)
 
 
 def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
-    """The lab that a lab.toml describes, or would describe with this content.  Raises `BadLabFile` like `read_lab`."""
+    """Return the lab that a lab.toml describes, or would describe with this content.
+
+    Parameters
+    ----------
+    document : Document
+        The lab.toml, read.
+    allow_outside : bool
+        Whether the lab may name files outside its folder.
+
+    Returns
+    -------
+    Lab
+        All that it says.
+
+    Raises
+    ------
+    BadLabFile
+        As `read_lab` raises it.
+    """
     path, read = document.path, repaired(document, LabFile)
     file = read.file
     used = {entry.particle for entry in file.experiments}
@@ -180,7 +258,20 @@ class Fault(NamedTuple):
 
 
 def faulty(lab: Lab, faults: Sequence[Fault]) -> BadLabFile:
-    """What `read_lab` would raise for these faults: with the file and the lines."""
+    """Return what `read_lab` would raise for faults: with the file and the lines.
+
+    Parameters
+    ----------
+    lab : Lab
+        The lab.
+    faults : sequence of Fault
+        The faults.
+
+    Returns
+    -------
+    BadLabFile
+        The error.
+    """
     number = {one.id: place for place, one in enumerate(lab.experiments)}
     return read_document(lab.path).error(
         Problem(("experiments", number[one.experiment.id], *one.key), one.why) for one in faults
@@ -188,9 +279,24 @@ def faulty(lab: Lab, faults: Sequence[Fault]) -> BadLabFile:
 
 
 def read_cast(folder: Path, particle: str | None = None) -> Model:
-    """Materials, particles and contacts of the lab in `folder` (or the lab.toml itself), its media unread.
+    """Read materials, particles and contacts of a lab, its media unread.
 
-    With the name of a `particle` that it has, others are not made.  Raises `BadLabFile` like `read_lab`.
+    Parameters
+    ----------
+    folder : Path
+        The folder with the lab.toml, or the lab.toml itself.
+    particle : str, optional
+        If the lab or the published reference has a particle of this name, others are not made.
+
+    Returns
+    -------
+    Model
+        Materials, particles and contacts, without effects.
+
+    Raises
+    ------
+    BadLabFile
+        As `read_lab` raises it.
     """
     document = read_document(folder / "lab.toml" if folder.is_dir() else folder)
     file = validated(document, LabFile)
@@ -204,7 +310,20 @@ def read_cast(folder: Path, particle: str | None = None) -> Model:
 def new_lab(folder: Path) -> list[Path]:
     """Start a lab folder: a commented lab.toml with example experiments, and a folder for each rig's media.
 
-    Returns the files written.  Raises `BadInput` when there is a lab.toml already; nothing is overwritten.
+    Parameters
+    ----------
+    folder : Path
+        The folder, made where it is missing.
+
+    Returns
+    -------
+    list of Path
+        The files that were written.
+
+    Raises
+    ------
+    BadInput
+        If there is a lab.toml already, which is not overwritten, or the folder cannot be written.
     """
     path = folder / "lab.toml"
     if path.exists():

@@ -15,10 +15,19 @@ from rigtwin.lab.reference import hlosta2020
 
 
 class Inventory:
-    """Materials, particles and contacts of one file in `folder`; gathers problems instead of stopping at the first.
+    """Materials, particles and contacts of one file; gathers problems instead of stopping at the first.
 
-    With `only`, keys of other particles are checked, but these are not made: a clump in place of an STL file takes
-    seconds.
+    Parameters
+    ----------
+    file : LabFile or ModelFile
+        The file, read.
+    folder : Path
+        Its folder, in which STL files are named.
+    allow_outside : bool
+        Whether STL files may lie outside the folder.
+    only : collection of str, optional
+        Names of the particles that are made.  Keys of others are checked, but these are not made: a clump in place of
+        an STL file takes seconds.  Default: all.
     """
 
     def __init__(
@@ -48,7 +57,20 @@ class Inventory:
             self._read_contact(name)
 
     def material(self, name: str, key: Key) -> Material | None:
-        """A material by name; None, and a problem at `key`, when there is none."""
+        """Return a material by name.
+
+        Parameters
+        ----------
+        name : str
+            The name.
+        key : Key
+            Where the file names it.
+
+        Returns
+        -------
+        Material or None
+            None, and a problem at `key`, when there is none.
+        """
         if name in self.materials:
             return self.materials[name]
         if name not in hlosta2020.MATERIALS:
@@ -60,14 +82,42 @@ class Inventory:
         return self.materials[name]
 
     def wall(self, name: str, key: Key, *, of_particles: bool) -> Material | None:
-        """A wall by its material, or by the particles that cover it; None, and a problem at `key`, if there is none."""
+        """Return a wall by its material, or by the particles that cover it.
+
+        Parameters
+        ----------
+        name : str
+            Name of the material or of the particle.
+        key : Key
+            Where the file names it.
+        of_particles : bool
+            Whether particles may cover it.
+
+        Returns
+        -------
+        Material or None
+            None, and a problem at `key`, if there is none.  A wall of particles has their name.
+        """
         if not of_particles or name not in {*self.file.particles, *hlosta2020.NAMES}:
             return self.material(name, key)
         grain = self.particle(name, key)
         return None if grain is None else replace(grain.material, name=name)
 
     def particle(self, name: str, key: Key) -> Particle | None:
-        """A particle by name; None, and a problem at `key`, when there is none."""
+        """Return a particle by name.
+
+        Parameters
+        ----------
+        name : str
+            The name.
+        key : Key
+            Where the file names it.
+
+        Returns
+        -------
+        Particle or None
+            None, and a problem at `key`, when there is none.
+        """
         if name in self.particles:
             return self.particles[name]
         if name in self.file.particles:
@@ -85,7 +135,13 @@ class Inventory:
         return self.particles[name]
 
     def borrow_contact(self, a: str, b: str) -> None:
-        """Fill what the file leaves open of a contact from the reference, where the reference has it."""
+        """Fill what the file leaves open of a contact from the reference, where the reference has it.
+
+        Parameters
+        ----------
+        a, b : str
+            Names of the two sides, in any order.
+        """
         known = self.contacts.get(pair(a, b), KnownContact())
         gaps = known.missing()
         try:

@@ -32,13 +32,39 @@ class Model:
     """Effects added to plain contact mechanics, by name, each with its parameters in SI."""
 
     def known_contact(self, a: str, b: str) -> KnownContact:
-        """What is known of a contact, in any order of names; all unknown when nothing is."""
+        """Return what is known of a contact.
+
+        Parameters
+        ----------
+        a, b : str
+            Names of the two sides, in any order.
+
+        Returns
+        -------
+        KnownContact
+            All unknown where nothing is.
+        """
         return self.contacts.get(pair(a, b), KnownContact())
 
     def contact(self, a: str, b: str, needs: Sequence[str] = PARAMETERS) -> Contact:
-        """The contact of two particles, or of a particle and a wall, in any order.
+        """Return the contact of two particles, or of a particle and a wall.
 
-        Raises `BadInput` when a parameter named in `needs` is not known.
+        Parameters
+        ----------
+        a, b : str
+            Names of the two sides, in any order.
+        needs : sequence of str
+            Parameters that must be known.
+
+        Returns
+        -------
+        Contact
+            The contact.
+
+        Raises
+        ------
+        TwinLacks
+            If a needed parameter is not known.
         """
         return self.known_contact(a, b).complete(needs, name=f"{a}-{b}")
 
@@ -51,13 +77,42 @@ class Model:
         static_friction: float | None = None,
         rolling_friction: float | None = None,
     ) -> Model:
-        """The same model with the given parameters of one contact set, for example to what was measured."""
+        """Return the same model with parameters of one contact set, for example to what was measured.
+
+        Parameters
+        ----------
+        a, b : str
+            Names of the two sides, in any order.
+        restitution, static_friction, rolling_friction : float, optional
+            The parameters [1].  Default: as they are.
+
+        Returns
+        -------
+        Model
+            The other model.
+        """
         known = KnownContact(restitution, static_friction, rolling_friction).filled(self.known_contact(a, b))
         return replace(self, contacts={**self.contacts, pair(a, b): known})
 
 
 def read_model(path: Path) -> Model:
-    """Read a model.toml; the sections are those of lab.toml.  Raises `BadLabFile` naming file, line and key."""
+    """Read a model.toml; the sections are those of lab.toml.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Model
+        The model.
+
+    Raises
+    ------
+    BadLabFile
+        If something is wrong; the message names file, line and key.
+    """
     document = read_document(path, made_by="take the model.toml that `rigtwin diagnose` leaves in its results")
     file = validated(document, ModelFile)
     inventory = Inventory(file, path.parent)
@@ -67,13 +122,32 @@ def read_model(path: Path) -> Model:
 
 
 def write_model(path: Path, model: Model) -> None:
-    """Write a model.toml that `read_model` reads back the same; all values in SI."""
+    """Write a model.toml that `read_model` reads back the same.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    model : Model
+        The model.
+    """
     with replacing(path) as part:
         part.write_text(model_text(model), encoding="utf-8")
 
 
 def model_text(model: Model) -> str:
-    """The text of a model.toml; all values in SI."""
+    """Return the text of a model.toml.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+
+    Returns
+    -------
+    str
+        The text; all values in SI.
+    """
     lines = ["# all values in SI units"]
     for name, material in model.materials.items():
         lines += _section("materials", name, ("density", "youngs_modulus", "poisson_ratio"), material)

@@ -40,9 +40,27 @@ ENDS = ("smallest", "largest")  # keys that a normal and a lognormal law may hav
 def own_particle(
     name: str, entry: ParticleEntry, solid: Material, key: Key, folder: Path, allow_outside: bool
 ) -> Particle | list[Problem]:
-    """The particle of an entry at `key`, or what is wrong there.
+    """Return the particle of an entry, or what is wrong there.
 
-    STL files are named relative to `folder`, in which they lie unless `allow_outside`.
+    Parameters
+    ----------
+    name : str
+        Name of the particle.
+    entry : ParticleEntry
+        Its keys.
+    solid : Material
+        Its material.
+    key : Key
+        Where the entry stands.
+    folder : Path
+        Folder in which STL files are named.
+    allow_outside : bool
+        Whether they may lie outside it.
+
+    Returns
+    -------
+    Particle or list of Problem
+        The particle, or the problems.
     """
     if found := list(faults(entry, key)):
         return found
@@ -58,7 +76,7 @@ def own_particle(
         particle = clumped(name, solid, shape, density=_density(entry, shape.volume))
     if entry.size_distribution is not None:
         try:
-            particle = sized(particle, sizes_of(entry.size_distribution))
+            particle = sized(particle, _sizes_of(entry.size_distribution))
         except BadInput as error:
             return [Problem((*key, "size_distribution"), str(error).removeprefix("sizes: "))]
     if not isinstance(entry, ModelParticleEntry) and (odd := no_bead_is(particle.diameter)):
@@ -70,7 +88,20 @@ def own_particle(
 
 
 def faults(entry: ParticleEntry, key: Key) -> Iterator[Problem]:
-    """Keys of a particle that do not go together, or are missing."""
+    """Yield keys of a particle that do not go together, or are missing.
+
+    Parameters
+    ----------
+    entry : ParticleEntry
+        The keys.
+    key : Key
+        Where the entry stands.
+
+    Yields
+    ------
+    Problem
+        Each of them.
+    """
     given = [name for name in SHAPES if getattr(entry, name) is not None]
     if entry.size_distribution is not None:
         yield from _faults_of_sizes(entry, entry.size_distribution, key)
@@ -105,7 +136,7 @@ def _faults_of_sizes(entry: ParticleEntry, sizes: SizesEntry, key: Key) -> Itera
         yield Problem((*place, name), f"is not used by the law {sizes.law!r}; leave it out.")
 
 
-def sizes_of(entry: SizesEntry) -> Sizes:
+def _sizes_of(entry: SizesEntry) -> Sizes:
     """The distribution of an entry in which nothing is missing.  Raises `BadInput` where it is none."""
     first, second = (getattr(entry, name) for name in NEEDED[entry.law])
     ends = {"smallest": entry.smallest, "largest": entry.largest}
@@ -131,7 +162,22 @@ def _density(entry: ParticleEntry, volume: float) -> float | None:
 
 
 def filling_in_words(name: str, entry: ParticleEntry, folder: Path) -> str:
-    """How near the clump of a particle comes to its STL file."""
+    """Return in words how near the clump of a particle comes to its STL file.
+
+    Parameters
+    ----------
+    name : str
+        Name of the particle.
+    entry : ParticleEntry
+        Its keys, with an STL file.
+    folder : Path
+        Folder in which the file is named.
+
+    Returns
+    -------
+    str
+        A clause.
+    """
     assert entry.stl is not None
     found = _filling(entry, folder)
     count = len(found.clump.radii)

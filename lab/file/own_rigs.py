@@ -115,10 +115,24 @@ def read_own_rig(
 
 
 def rig_of_keys(keys: Mapping[str, Any], lab: Path | None = None) -> OwnRig:
-    """A rig from its keys, as a lab.toml would state them; STL files are named from the present folder.
+    """Return a rig from its keys, as a lab.toml would state them; STL files are named from the present folder.
 
-    Particle and materials are looked up in `lab` (a lab.toml or its folder) and the reference.  Raises `BadInput` with
-    the key in front.
+    Parameters
+    ----------
+    keys : mapping
+        The keys of the rig.
+    lab : Path, optional
+        A lab.toml or its folder, in which particle and materials are looked up before the reference.
+
+    Returns
+    -------
+    OwnRig
+        The rig in SI units.
+
+    Raises
+    ------
+    BadInput
+        If a key is not possible; the message has it in front.
     """
     file, folder = LabFile(), Path()
     if lab is not None:

@@ -15,7 +15,7 @@ Views = tuple[Path, ...]
 
 
 def expanded(folder: Path, names: Sequence[str], *, together: bool, photos: bool, outside: bool) -> list[Views]:
-    """The repetitions that one entry of ``repetitions`` names, in natural order.
+    """Return the repetitions that one entry of ``repetitions`` names, in natural order.
 
     Parameters
     ----------
@@ -29,6 +29,11 @@ def expanded(folder: Path, names: Sequence[str], *, together: bool, photos: bool
         Whether a repetition of the rig is a photo, so that a folder of pictures holds several; else it is one clip.
     outside : bool
         Whether files outside the lab's folder are read.
+
+    Returns
+    -------
+    list of tuple of Path
+        The files of each repetition.
 
     Raises
     ------

@@ -73,15 +73,36 @@ class Document:
     lines: dict[Key, int]
 
     def line(self, key: Key) -> int:
-        """Line of a key, or of the table it should stand in."""
+        """Return the line of a key, or of the table it should stand in.
+
+        Parameters
+        ----------
+        key : Key
+            The key.
+
+        Returns
+        -------
+        int
+            The line, 1 for the first.
+        """
         while key not in self.lines:
             key = key[:-1]
         return self.lines[key]
 
     def error(self, problems: Iterable[Problem]) -> BadLabFile:
-        """All problems in the order of their lines, each with its line; `BadLabFile.faults` has them one by one.
+        """Return an error with all problems in the order of their lines, each with its line.
 
         A missing key comes last: it may be the misspelt one.
+
+        Parameters
+        ----------
+        problems : iterable of Problem
+            The problems.
+
+        Returns
+        -------
+        BadLabFile
+            The error; its `faults` has them one by one.
         """
         in_order = sorted(
             dict.fromkeys(problems), key=lambda problem: (problem.key not in self.lines, self.line(problem.key))
@@ -95,7 +116,25 @@ class Document:
 
 
 def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") -> Document:
-    """Read a TOML file, `made_by` where it is not there.  Raises `BadLabFile` with the line of what is no TOML."""
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    made_by : str
+        How to make one, for the message where it is not there.
+
+    Returns
+    -------
+    Document
+        Content and lines.
+
+    Raises
+    ------
+    BadLabFile
+        If it cannot be read; the message has the line of what is no TOML.
+    """
     if why_not_ordinary(path) == "no such file":
         raise BadLabFile(f"{path}: no such file; check the path, or {made_by}.")
     advice = "check the path and its permissions"
@@ -103,7 +142,25 @@ def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") 
 
 
 def parsed(path: Path, content: bytes) -> Document:
-    """What is, or shall be, the content of the TOML file `path`.  Raises `BadLabFile`."""
+    """Return what is, or shall be, the content of a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    content : bytes
+        The content.
+
+    Returns
+    -------
+    Document
+        Content and lines.
+
+    Raises
+    ------
+    BadLabFile
+        If it is no TOML.
+    """
     try:
         text = content.decode("utf-8-sig")
         data = tomllib.loads(text)
@@ -738,14 +795,38 @@ class CameraEntry(_Entry):
     )
 
     def camera(self, folder: Path = HERE) -> camera.Camera:
-        """What the keys say; a board's photo is named relative to the lab's `folder`."""
+        """Return what the keys say.
+
+        Parameters
+        ----------
+        folder : Path
+            The lab's folder, in which a board's photo is named.
+
+        Returns
+        -------
+        Camera
+            The camera.
+        """
         roll = self.camera_roll if self.plumb_line is None else self.plumb_line
         board = None if self.board is None else replace(self.board, photo=folder / self.board.photo)
         stated = {name: getattr(self, name) for name in _OF_CAMERA if name in type(self).model_fields}
         return camera.Camera(**{**stated, "board": board}, roll=roll, pivots=self.pivot)
 
     def faults(self, folder: Path, rig: str) -> Iterable[tuple[str, str]]:
-        """Keys that do not go together, with the rig, or with what lies in the lab's folder, and why."""
+        """Yield keys that do not go together, with the rig, or with what lies in the lab's folder.
+
+        Parameters
+        ----------
+        folder : Path
+            The lab's folder.
+        rig : str
+            Name of the rig.
+
+        Yields
+        ------
+        key, why : str
+            The key, and what is wrong.
+        """
         for name in sorted(self.model_fields_set & _ONLY_OF.keys()):
             if rig not in _ONLY_OF[name]:
                 yield name, f"is not used by a {rig}; leave it out."
@@ -764,7 +845,18 @@ class CameraEntry(_Entry):
 
 
 def keys_of_camera(rig: str) -> set[str]:
-    """The keys of ``[experiments.camera]`` that a rig uses."""
+    """Return the keys of ``[experiments.camera]`` that a rig uses.
+
+    Parameters
+    ----------
+    rig : str
+        Name of the rig.
+
+    Returns
+    -------
+    set of str
+        The keys.
+    """
     return {name for name in CameraEntry.model_fields if rig in _ONLY_OF.get(name, (rig,))}
 
 
@@ -776,7 +868,18 @@ class FileEntry(CameraEntry):
     )
 
     def over(self, common: CameraEntry) -> CameraEntry:
-        """The keys of the experiment's camera, with those of this file in their place."""
+        """Return the keys of the experiment's camera, with those of this file in their place.
+
+        Parameters
+        ----------
+        common : CameraEntry
+            Keys of the experiment's camera.
+
+        Returns
+        -------
+        CameraEntry
+            The keys.
+        """
         mine = self.model_fields_set & CameraEntry.model_fields.keys()
         for alternatives in _ALTERNATIVES:
             if mine & alternatives:
@@ -907,6 +1010,7 @@ class PendulumEntry(_ExperimentEntry):
     rod_mass: Mass = Field(default=0.0, examples=["2 g"], description="of each rod")
 
     def faults(self) -> Iterable[tuple[str, str]]:
+        """Yield keys of a pendulum that do not go together, and why."""
         if self.variant == "wall" and self.wall is None:
             yield "wall", 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".'
         if self.variant == "double" and self.wall is not None:
@@ -955,6 +1059,7 @@ class PileEntry(_ExperimentEntry):
     )
 
     def faults(self) -> Iterable[tuple[str, str]]:
+        """Yield keys of a pile that do not go together, and why."""
         if self.variant != "emptying":
             return
         if self.drain_diameter is None:
@@ -1075,6 +1180,8 @@ ExperimentEntry = DropEntry | PendulumEntry | TiltEntry | PackingEntry | PileEnt
 
 
 class LabFile(_Entry):
+    """The content of a lab.toml."""
+
     lab: LabEntry = LabEntry()
     materials: dict[str, MaterialEntry] = {}
     particles: dict[str, ParticleEntry] = {}
@@ -1085,6 +1192,8 @@ class LabFile(_Entry):
 
 
 class ModelFile(_Entry):
+    """The content of a model.toml."""
+
     materials: dict[str, MaterialEntry] = {}
     particles: dict[str, ModelParticleEntry] = {}
     contacts: dict[str, ContactEntry] = {}
@@ -1111,7 +1220,25 @@ File = TypeVar("File", LabFile, ModelFile)
 
 
 def validated(document: Document, kind: type[File]) -> File:
-    """The document as `kind`.  Raises `BadLabFile` naming file, line and key of all that is wrong."""
+    """Return a document as a lab.toml or a model.toml.
+
+    Parameters
+    ----------
+    document : Document
+        The document.
+    kind : type
+        `LabFile` or `ModelFile`.
+
+    Returns
+    -------
+    LabFile or ModelFile
+        The content.
+
+    Raises
+    ------
+    BadLabFile
+        If something is wrong; the message names file, line and key of all of it.
+    """
     read = repaired(document, kind)
     if read.problems:
         raise document.error(read.problems)
@@ -1128,11 +1255,34 @@ class Repaired(Generic[File]):
     """Keys of what was repaired."""
 
     def touches(self, key: Key) -> bool:
-        """Whether a key, or a table that holds it, was repaired: what is wrong there is no fault of the document."""
+        """Return whether a key, or a table that holds it, was repaired: what is wrong there is no fault of the
+        document.
+
+        Parameters
+        ----------
+        key : Key
+            The key.
+
+        Returns
+        -------
+        bool
+            Whether it was.
+        """
         return _touches(self.places, key)
 
     def touched_in(self, table: Key) -> bool:
-        """Whether a key of the table itself was repaired."""
+        """Return whether a key of the table itself was repaired.
+
+        Parameters
+        ----------
+        table : Key
+            The table.
+
+        Returns
+        -------
+        bool
+            Whether one was.
+        """
         return any(place[:-1] == table for place in self.places)
 
 
@@ -1141,7 +1291,25 @@ def _touches(places: Iterable[Key], key: Key) -> bool:
 
 
 def repaired(document: Document, kind: type[File]) -> Repaired[File]:
-    """The document as `kind`, with all that is missing, unknown or out of range."""
+    """Return a document as a lab.toml or a model.toml, with all that is missing, unknown or out of range.
+
+    Parameters
+    ----------
+    document : Document
+        The document.
+    kind : type
+        `LabFile` or `ModelFile`.
+
+    Returns
+    -------
+    Repaired
+        Content, with examples in place of what is wrong, and the problems.
+
+    Raises
+    ------
+    BadLabFile
+        If it cannot be repaired.
+    """
     data = deepcopy(document.data)
     problems: list[Problem] = []
     consequences: list[Problem] = []
@@ -1162,7 +1330,18 @@ def repaired(document: Document, kind: type[File]) -> Repaired[File]:
 
 
 def without_consequences(problems: Sequence[Problem]) -> list[Problem]:
-    """The problems without the missing keys that are there under a misspelt name."""
+    """Return the problems without the missing keys that are there under a misspelt name.
+
+    Parameters
+    ----------
+    problems : sequence of Problem
+        The problems.
+
+    Returns
+    -------
+    list of Problem
+        In their order.
+    """
     meant = {(*one.key[:-1], word[1]) for one in problems if (word := _MEANT.match(one.what))}
     return [one for one in problems if not (one.key in meant and one.what.startswith(_MISSING))]
 
@@ -1214,7 +1393,7 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
         case "union_tag_not_found":
             return Problem((*key, "rig"), f'this key is missing; add rig = "drop" (known: {", ".join(RIGS)}).')
         case "union_tag_invalid":
-            return Problem((*key, "rig"), unknown_rig(str(details["ctx"]["tag"])))
+            return Problem((*key, "rig"), _unknown_rig(str(details["ctx"]["tag"])))
         case "literal_error":
             return Problem(key, f"{given} is not known; write {details['ctx']['expected']}.")
         case "too_short":
@@ -1248,13 +1427,35 @@ def _example(section: type[_Entry], name: str) -> str:
 
 
 def example_of(field: FieldInfo) -> Any:
-    """The example of a key, its own or that of its type; None where it has none."""
+    """Return the example of a key, its own or that of its type.
+
+    Parameters
+    ----------
+    field : FieldInfo
+        The key.
+
+    Returns
+    -------
+    object
+        None where it has none.
+    """
     examples = field.examples or next((one.examples for one in _notes(field, FieldInfo) if one.examples), None)
     return examples[0] if examples else None
 
 
 def dimension_of(field: FieldInfo) -> str:
-    """The key of `rigtwin.lab.units.DIMENSIONS` that a key's value has; empty where it is no quantity."""
+    """Return the dimension of a key's value.
+
+    Parameters
+    ----------
+    field : FieldInfo
+        The key.
+
+    Returns
+    -------
+    str
+        One of `rigtwin.lab.units.DIMENSIONS`; empty where the value is no quantity.
+    """
     return next((note.dimension for note in _notes(field, InSi)), "")
 
 
@@ -1273,7 +1474,18 @@ def experiment_entries() -> dict[str, type[_ExperimentEntry]]:
 
 
 def camera_rigs(name: str) -> tuple[str, ...]:
-    """Rigs that have a key of ``[experiments.camera]``; empty where all have it."""
+    """Return the rigs that have a key of ``[experiments.camera]``.
+
+    Parameters
+    ----------
+    name : str
+        The key.
+
+    Returns
+    -------
+    tuple of str
+        Empty where all have it.
+    """
     return _ONLY_OF.get(name, ())
 
 
@@ -1292,8 +1504,20 @@ def _list_hint(section: type[_Entry], name: str) -> str:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML has it.
+    """Return a value as TOML has it.
 
+    Parameters
+    ----------
+    value : object
+        A text, number, truth value, list or dictionary of these.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Examples
+    --------
     >>> toml({"bed_height": ["184 mm", 0.183], "averaged": True})
     '{ bed_height = ["184 mm", 0.183], averaged = true }'
     """
@@ -1307,8 +1531,22 @@ def toml(value: Any) -> str:
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """The nearest known name as advice, or all of them.
+    """Return the nearest known name as advice, or all of them.
 
+    Parameters
+    ----------
+    name : str
+        The name that is not known.
+    known : iterable of str
+        The known ones.
+
+    Returns
+    -------
+    str
+        A clause.
+
+    Examples
+    --------
     >>> suggestion("framerate", ["frame_rate", "scale"])
     "did you mean 'frame_rate'? (known: frame_rate, scale)"
     """
@@ -1321,6 +1559,6 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"did you mean {found!r}? (known: {listed})"
 
 
-def unknown_rig(name: str) -> str:
+def _unknown_rig(name: str) -> str:
     """What to say of a rig that cannot be read."""
     return f"there is no rig {name!r}; {suggestion(name, RIGS)}."

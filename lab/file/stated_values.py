@@ -39,7 +39,7 @@ class MeanOfRepetitions(NamedTuple):
 
 
 def stated_quantities(name: str, given: Any, rig: RigSettings) -> list[Quantity]:
-    """Quantities that are stated under one name.
+    """Return the quantities that are stated under one name.
 
     Parameters
     ----------
@@ -49,6 +49,11 @@ def stated_quantities(name: str, given: Any, rig: RigSettings) -> list[Quantity]
         What lab.toml holds there: a text, a table with the text as ``value`` and details, or a list of these.
     rig : RigSettings
         Rig of the experiment.
+
+    Returns
+    -------
+    list of Quantity
+        The quantities, in SI or degrees.
 
     Raises
     ------
@@ -72,7 +77,7 @@ def stated_quantities(name: str, given: Any, rig: RigSettings) -> list[Quantity]
 
 
 def stated_scatter(name: str, given: Any, rig: RigSettings) -> Scatter:
-    """The relative standard deviation from repetition to repetition that is stated for a quantity.
+    """Return the relative standard deviation from repetition to repetition that is stated for a quantity.
 
     Parameters
     ----------
@@ -82,6 +87,11 @@ def stated_scatter(name: str, given: Any, rig: RigSettings) -> Scatter:
         What lab.toml holds there: ``"5 %"`` or 0.05; ``"5 % (n = 10)"`` was found with ten repetitions.
     rig : RigSettings
         Rig of the experiment.
+
+    Returns
+    -------
+    Scatter
+        The scatter; known exactly where no number of repetitions is stated.
 
     Raises
     ------
@@ -112,7 +122,7 @@ def stated_scatter(name: str, given: Any, rig: RigSettings) -> Scatter:
 
 
 def mean_of_repetitions(text: str, dimension: str) -> MeanOfRepetitions:
-    """Read a value with its uncertainty, in SI.
+    """Read a value with its uncertainty.
 
     Parameters
     ----------
@@ -120,6 +130,11 @@ def mean_of_repetitions(text: str, dimension: str) -> MeanOfRepetitions:
         For example ``"184 +- 1.3 mm (n = 10)"``; ``±`` is read too, and the unit may stand behind both numbers.
     dimension : str
         A key of `rigtwin.lab.units.DIMENSIONS`.
+
+    Returns
+    -------
+    MeanOfRepetitions
+        The value in SI.
 
     Raises
     ------
@@ -157,7 +172,7 @@ def mean_of_repetitions(text: str, dimension: str) -> MeanOfRepetitions:
     return MeanOfRepetitions(value, std, n)
 
 
-def mean_of_values(texts: Sequence[str], dimension: str) -> MeanOfRepetitions:
+def _mean_of_values(texts: Sequence[str], dimension: str) -> MeanOfRepetitions:
     """Mean and standard deviation of values of single repetitions, in SI.
 
     Parameters
@@ -178,7 +193,7 @@ def mean_of_values(texts: Sequence[str], dimension: str) -> MeanOfRepetitions:
 
     Examples
     --------
-    >>> mean_of_values(["184", "183", "185 mm"], "length")
+    >>> _mean_of_values(["184", "183", "185 mm"], "length")
     MeanOfRepetitions(value=0.184, std=0.001, n=3)
     """
     whole = ", ".join(texts)
@@ -227,7 +242,7 @@ def _quantity(name: str, entry: Any, of_rig: RigQuantity) -> Quantity:
     method = table.get("method", of_rig.methods[0])
     if method not in of_rig.methods:
         raise BadInput(f"there is no method {method!r}; {suggestion(str(method), of_rig.methods)}.")
-    mean = mean_of_values(values, of_rig.dimension) if values else mean_of_repetitions(str(text), of_rig.dimension)
+    mean = _mean_of_values(values, of_rig.dimension) if values else mean_of_repetitions(str(text), of_rig.dimension)
     factor = math.degrees(1) if of_rig.unit == "deg" else 1.0
     value, std = (float(f"{number * factor:.12g}") for number in mean[:2])
     if value > of_rig.highest or value < 0 or (value == 0 and not of_rig.zero):

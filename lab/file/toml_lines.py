@@ -20,8 +20,20 @@ _STRING = re.compile(  # a multi-line text may end in one or two quotes of its o
 
 
 def key_lines(text: str) -> dict[Key, int]:
-    """Line (1 for the first) of every key, table and list item of a valid TOML text.
+    """Find the line of every key, table and list item.
 
+    Parameters
+    ----------
+    text : str
+        A valid TOML text.
+
+    Returns
+    -------
+    dict of Key to int
+        Lines, 1 for the first.
+
+    Examples
+    --------
     >>> lines = key_lines('[lab]\\ntitle = "ash"\\n[[experiments]]\\nrepetitions = ["a.mp4",\\n"b.mp4"]')
     >>> lines["lab", "title"], lines["experiments", 0], lines["experiments", 0, "repetitions", 1]
     (2, 3, 5)
@@ -32,8 +44,20 @@ def key_lines(text: str) -> dict[Key, int]:
 
 
 def dotted(key: Key) -> str:
-    """A path as a person says it, who counts from one.
+    """Return a path as a person says it, who counts from one.
 
+    Parameters
+    ----------
+    key : Key
+        The path.
+
+    Returns
+    -------
+    str
+        The words.
+
+    Examples
+    --------
     >>> dotted(("experiments", 2, "camera", "frame_rate")), dotted(("experiments", 0, "repetitions", 1, 0))
     ('experiment 3, camera.frame_rate', 'experiment 1, repetition 2, item 1')
     """

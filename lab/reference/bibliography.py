@@ -37,6 +37,13 @@ class Reference:
     def short(self) -> str:
         """Authors and year, as in the text of a paper.
 
+        Returns
+        -------
+        str
+            The words.
+
+        Examples
+        --------
         >>> reference("hlosta2020").short, reference("brown2003").short, reference("zener1941").short
         ('Hlosta et al. 2020', 'Brown and Lawler 2003', 'Zener 1941')
         """
@@ -49,6 +56,13 @@ class Reference:
     def in_words(self) -> str:
         """The entry of a list of references.
 
+        Returns
+        -------
+        str
+            The words.
+
+        Examples
+        --------
         >>> reference("johnson1985").in_words
         'K. L. Johnson, Contact Mechanics. Cambridge University Press (1985).'
         """
@@ -81,13 +95,41 @@ def references() -> dict[str, Reference]:
 
 
 def reference(key: str) -> Reference:
-    """The reference of a key; raises `KeyError`."""
+    """Return the reference of a key.
+
+    Parameters
+    ----------
+    key : str
+        The key.
+
+    Returns
+    -------
+    Reference
+        The reference.
+
+    Raises
+    ------
+    KeyError
+        If there is none.
+    """
     return references()[key]
 
 
 def cited(source: str) -> Iterator[str]:
-    """Keys of the references that a text names by first author and year, its parts separated by semicolons.
+    """Yield the references that a text names by first author and year.
 
+    Parameters
+    ----------
+    source : str
+        The text, its parts separated by semicolons.
+
+    Yields
+    ------
+    str
+        Their keys.
+
+    Examples
+    --------
     >>> list(cited("Batchelor 1967, section 6.8; Clift, Grace & Weber 1978; measured"))
     ['batchelor1967', 'clift1978']
     """
@@ -101,7 +143,23 @@ def cited(source: str) -> Iterator[str]:
 
 
 def bibtex(keys: Iterator[str] | list[str]) -> str:
-    """The text of a .bib file with these references."""
+    """Return the text of a .bib file.
+
+    Parameters
+    ----------
+    keys : iterable of str
+        Keys of the references, each of which stands there once.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    KeyError
+        If there is no such reference.
+    """
     return "\n\n".join(reference(key).bibtex for key in dict.fromkeys(keys)) + "\n"
 
 

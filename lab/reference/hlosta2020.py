@@ -71,8 +71,25 @@ class Measured:
 
 
 def material(name: str) -> Material:
-    """A material with its real stiffness (table 2).
+    """Return a material with its real stiffness (table 2).
 
+    Parameters
+    ----------
+    name : str
+        One of `MATERIALS`.
+
+    Returns
+    -------
+    Material
+        The material.
+
+    Raises
+    ------
+    BadInput
+        If there is no such material.
+
+    Examples
+    --------
     >>> material("glass").youngs_modulus
     70000000000.0
     """
@@ -81,12 +98,31 @@ def material(name: str) -> Material:
 
 
 def particle(name: str, *, enlarged: bool = True) -> Particle:
-    """A particle of the calibrated model, or one of the virtual particles that stand for the cube and the pellet.
+    """Return a particle of the calibrated model, or a virtual one that stands for the cube or the pellet.
 
     A sphere has the diameter of table 3 and the density of table A2; a clump has the `shape` of its name and the real
-    particle's mass (table 3).  Not `enlarged`: as it was in table 7, before the paper made wooden beads and the
-    cube of 24 spheres 0.2 mm larger (section 3.1); the mass is the same.
+    particle's mass (table 3).
 
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+    enlarged : bool
+        Whether wooden beads and the cube of 24 spheres are 0.2 mm larger, as the paper made them after table 7 (section
+        3.1); the mass is the same.
+
+    Returns
+    -------
+    Particle
+        The particle.
+
+    Raises
+    ------
+    BadInput
+        If there is no such particle.
+
+    Examples
+    --------
     >>> bead = particle("D6")
     >>> bead.diameter, bead.effective_density
     (0.0062, 569.0)
@@ -108,16 +144,34 @@ def particle(name: str, *, enlarged: bool = True) -> Particle:
 
 @cache
 def shape(name: str, *, enlarged: bool = True) -> Clump:
-    """The clump of this name.  The paper prints its number of spheres and, for all but C6_28s, its volume.
+    """Return a clump.  The paper prints its number of spheres and, for all but C6_28s, its volume.
 
-    Pellets are rows of spheres of 6 mm; the spacing follows from the volume, and is 4.70 mm for three and 2.35 mm
-    for five: both are 15.4 mm long.  Cubes lie in a cube of 6 mm and their spheres touch its faces: one sphere of 6 mm
-    (1s); eight of 3 mm that touch each other (8s-a), of 4 mm that overlap (8s-b), of 2 mm around one of 6 mm (9s);
-    24 of 2 mm that touch each other, three layers of three by three without the middle one of each (24s).  The paper
-    enlarged the last after table 7 by 0.2 mm (section 3.1): its spheres, in their places, are 2.2 mm then, and not
-    `enlarged` 2 mm.  These match table 3 to 0.1 % with round numbers, so they are likely the paper's own.
-    The others are guesses: 16s is 8s-b with a smaller sphere in each corner; 28s is a big sphere and a small one in
-    each corner and one on each edge, of the sizes that come nearest to the cube's surface.
+    Parameters
+    ----------
+    name : str
+        One of `CLUMPS`.
+    enlarged : bool
+        Whether the spheres of C6_24s, in their places, are 2.2 mm and not 2 mm.
+
+    Returns
+    -------
+    Clump
+        The clump.
+
+    Raises
+    ------
+    BadInput
+        If there is no such clump.
+
+    Notes
+    -----
+    Pellets are rows of spheres of 6 mm; the spacing follows from the volume, and is 4.70 mm for three and 2.35 mm for
+    five: both are 15.4 mm long.  Cubes lie in a cube of 6 mm and their spheres touch its faces: one sphere of 6 mm
+    (1s); eight of 3 mm that touch each other (8s-a), of 4 mm that overlap (8s-b), of 2 mm around one of 6 mm (9s); 24
+    of 2 mm that touch each other, three layers of three by three without the middle one of each (24s).  The paper
+    enlarged the last after table 7 by 0.2 mm (section 3.1).  These match table 3 to 0.1 % with round numbers, so they
+    are likely the paper's own.  The others are guesses: 16s is 8s-b with a smaller sphere in each corner; 28s is a big
+    sphere and a small one in each corner and one on each edge, of the sizes that come nearest to the cube's surface.
     """
     corner, edge = (1.0, 1.0, 1.0), (1.0, 1.0, 0.0)
     match name:
@@ -145,11 +199,28 @@ def shape(name: str, *, enlarged: bool = True) -> Clump:
 
 
 def contact(a: str, b: str) -> Contact:
-    """Calibrated contact of two particles (tables A3, A5, A7) or of a particle and a wall (A4, A6, A7), in any order.
+    """Return the calibrated contact of two particles (tables A3, A5, A7) or of a particle and a wall (A4, A6, A7).
 
     A clump has the contacts of the particle that it stands for.  Rolling friction of two particles is the arithmetic
     mean of theirs (note 1 of table A7).
 
+    Parameters
+    ----------
+    a, b : str
+        Names of the two sides, in any order.
+
+    Returns
+    -------
+    Contact
+        The contact.
+
+    Raises
+    ------
+    BadInput
+        If the paper has no such contact.
+
+    Examples
+    --------
     >>> contact("steel", "D6")
     Contact(restitution=0.42, static_friction=0.36, rolling_friction=0.06)
     """
@@ -168,14 +239,46 @@ def contact(a: str, b: str) -> Contact:
 
 
 def contact_tables(a: str, b: str) -> str:
-    """Where `contact` takes its numbers from, in words."""
+    """Return where `contact` takes its numbers from.
+
+    Parameters
+    ----------
+    a, b : str
+        Names of the two sides, in any order.
+
+    Returns
+    -------
+    str
+        The tables, in words.
+    """
     return "tables A4, A6, A7" if {a, b} & set(WALLS) else "tables A3, A5, A7"
 
 
 def measured(quantity: str, particle: str, other: str | None = None) -> Measured:
-    """A measured value: ``restitution_wall`` (table 11), ``restitution_pair`` (12), ``static_friction`` on a wall (8)
-    or on another clump of particles (9), ``rolling_friction`` (10), and the last two with ``_angle`` [deg] on walls.
+    """Return a measured value.
 
+    Parameters
+    ----------
+    quantity : str
+        ``restitution_wall`` (table 11), ``restitution_pair`` (12), ``static_friction`` on a wall (8) or on another
+        clump of particles (9), ``rolling_friction`` (10), and the last two with ``_angle`` [deg] on walls.
+    particle : str
+        Name of the particle.
+    other : str, optional
+        Name of the wall or of the other particle; not needed for rolling friction.
+
+    Returns
+    -------
+    Measured
+        The value.
+
+    Raises
+    ------
+    BadInput
+        If the paper has no such value.
+
+    Examples
+    --------
     >>> measured("restitution_wall", "D6", "steel")
     Measured(value=0.42, std=0.05, unit='1', source='Hlosta et al. 2020, table 11')
     """
@@ -204,8 +307,25 @@ def measured(quantity: str, particle: str, other: str | None = None) -> Measured
 
 
 def properties(name: str) -> list[Row]:
-    """What table 3 prints of a particle and of each clump that stands for it, cubes and pellets included.
+    """Return what table 3 prints of a particle and of each clump that stands for it, cubes and pellets included.
 
+    Parameters
+    ----------
+    name : str
+        One of `PARTICLES`.
+
+    Returns
+    -------
+    list of dict
+        Rows of the table.
+
+    Raises
+    ------
+    BadInput
+        If there is no such particle.
+
+    Examples
+    --------
     >>> [row["virtual_particle"] for row in properties("P6x15")]
     ['P6x15_3s', 'P6x15_5s']
     """
@@ -216,10 +336,29 @@ def properties(name: str) -> list[Row]:
 
 
 def table(number: int | str, *, as_printed: bool = False) -> list[Row]:
-    """Rows of table 2 to 16 or A2 to A7; columns carry their unit, numbers are floats.
+    """Return the rows of table 2 to 16 or A2 to A7; columns carry their unit, numbers are floats.
 
-    Misprints are corrected unless `as_printed`.  Table A1 is table 2 with MPa for GPa and has no file.
+    Table A1 is table 2 with MPa for GPa and has no file.
 
+    Parameters
+    ----------
+    number : int or str
+        Number of the table.
+    as_printed : bool
+        Whether misprints are kept.
+
+    Returns
+    -------
+    list of dict
+        Cells by column.
+
+    Raises
+    ------
+    BadInput
+        If there is no such table.
+
+    Examples
+    --------
     >>> table(13)[-1]["timestep_s"], table(13, as_printed=True)[-1]["timestep_s"]
     (2.45e-06, 2.45e-07)
     """
@@ -234,10 +373,26 @@ def table(number: int | str, *, as_printed: bool = False) -> list[Row]:
 
 
 def mixed_restitution(modulus_a: float, restitution_a: float, modulus_b: float, restitution_b: float) -> float:
-    """Restitution of an unlike pair from those of the like pairs, weighted by stiffness (Hlosta et al. 2020, eq. 8).
+    """Return the restitution of an unlike pair from those of the like pairs, weighted by stiffness.
 
-    (E_A e_A + E_B e_B) / (E_A + E_B); moduli in any one unit.
+    Parameters
+    ----------
+    modulus_a, restitution_a : float
+        Young's modulus, in any unit, and restitution of the one [1].
+    modulus_b, restitution_b : float
+        Those of the other.
 
+    Returns
+    -------
+    float
+        (E_A e_A + E_B e_B) / (E_A + E_B) [1].
+
+    References
+    ----------
+    Hlosta et al. 2020, eq. 8.
+
+    Examples
+    --------
     >>> mixed_restitution(11e9, 0.5, 11e9, 0.7)
     0.6
     """

@@ -15,9 +15,26 @@ LONGEST_GAP = 0.2  # share of the longer part's duration; over longer gaps the l
 
 
 def joined(tracks: Sequence[Track], groups: Sequence[Sequence[str]], where: str) -> tuple[Track, ...]:
-    """Tracks with the parts of every group put together under the name of its first part.
+    """Return tracks with the parts of every group put together under the name of its first part.
 
-    Raises `BadInput` if a name is unknown, or two parts overlap in time.
+    Parameters
+    ----------
+    tracks : sequence of Track
+        The tracks.
+    groups : sequence of sequence of str
+        Names of the parts of one body, for each body with several.
+    where : str
+        What messages begin with.
+
+    Returns
+    -------
+    tuple of Track
+        The tracks.
+
+    Raises
+    ------
+    BadInput
+        If a name is unknown, or two parts overlap in time.
     """
     named = {track.body: track for track in tracks}
     for group in groups:
@@ -40,7 +57,18 @@ def joined(tracks: Sequence[Track], groups: Sequence[Sequence[str]], where: str)
 
 
 def proposals(tracks: Sequence[Track]) -> tuple[str, ...]:
-    """One sentence for each pair of tracks of which one ends where, and just before, the other begins."""
+    """Propose to join tracks of which one ends where, and just before, the other begins.
+
+    Parameters
+    ----------
+    tracks : sequence of Track
+        The tracks.
+
+    Returns
+    -------
+    tuple of str
+        One sentence for each such pair.
+    """
     found = []
     whole = [track for track in tracks if len(track.time) >= 3]
     for one in whole:

@@ -85,7 +85,18 @@ class Column:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a word is a unit that stands in headers of tracked data."""
+    """Return whether a word is a unit that stands in headers of tracked data.
+
+    Parameters
+    ----------
+    text : str
+        The word.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     return _alias(text) in PLAIN
 
 
@@ -94,7 +105,23 @@ def _alias(unit: str) -> str:
 
 
 def role_of(header: str, roles: Sequence[str] = tuple(ROLES)) -> tuple[str, str, int]:
-    """Role of a column by its header, with its unit and the rank of the match; ("", "", 0) for none.
+    """Return the role of a column by its header.
+
+    Parameters
+    ----------
+    header : str
+        The header.
+    roles : sequence of str
+        Roles that are looked for.
+
+    Returns
+    -------
+    role : str
+        Empty for none.
+    unit : str
+        Unit in the header; empty for none.
+    rank : int
+        Rank of the match, 0 for the best name.
 
     Examples
     --------
@@ -113,6 +140,16 @@ def role_of(header: str, roles: Sequence[str] = tuple(ROLES)) -> tuple[str, str,
 @cache
 def name_and_unit(header: str) -> tuple[str, str]:
     """Split a header into name and unit.
+
+    Parameters
+    ----------
+    header : str
+        The header.
+
+    Returns
+    -------
+    name, unit : str
+        The unit is empty where there is none.
 
     Examples
     --------
@@ -134,7 +171,17 @@ def _normal(name: str) -> str:
 
 
 def body_and_axis(header: str) -> tuple[str, str] | None:
-    """Body and axis of a column that holds one of several bodies, None for any other.
+    """Return body and axis of a column that holds one of several bodies.
+
+    Parameters
+    ----------
+    header : str
+        The header.
+
+    Returns
+    -------
+    tuple of str or None
+        Body and axis; None for any other column.
 
     Examples
     --------
@@ -149,7 +196,24 @@ def body_and_axis(header: str) -> tuple[str, str] | None:
 
 
 def parse_columns(text: str, *, name: str = "columns") -> Mapping[str, tuple[str, str]]:
-    """Parse ``"t=time[ms],x=cx,y=cy"``: role to name (or number from 1) of its column and its unit.
+    """Read which columns the user states.
+
+    Parameters
+    ----------
+    text : str
+        ``"t=time[ms],x=cx,y=cy"``.
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    mapping of str to tuple of str
+        By role the name (or number from 1) of its column and its unit.
+
+    Raises
+    ------
+    BadQuantity
+        If the text is not like this.
 
     Examples
     --------
@@ -171,7 +235,25 @@ def parse_columns(text: str, *, name: str = "columns") -> Mapping[str, tuple[str
 
 
 def parse_joined(texts: Sequence[str], *, name: str = "join") -> tuple[tuple[str, ...], ...]:
-    """Parse ``"3,7"``: the parts of one broken track; once for each body."""
+    """Read which tracks are parts of one body.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        ``"3,7"``: the parts of one broken track; once for each body.
+    name : str
+        The setting that errors name.
+
+    Returns
+    -------
+    tuple of tuple of str
+        The names of the parts, for each body.
+
+    Raises
+    ------
+    BadQuantity
+        If a text names fewer than two.
+    """
     groups = tuple(tuple(part.strip() for part in text.split(",") if part.strip()) for text in texts)
     if any(len(group) < 2 for group in groups):
         raise BadQuantity(f"{name}: name the parts of a broken track like '3,7', two at least.")
@@ -179,9 +261,26 @@ def parse_joined(texts: Sequence[str], *, name: str = "join") -> tuple[tuple[str
 
 
 def find_column(table: Table, role: str, stated: Mapping[str, tuple[str, str]]) -> Column | None:
-    """The column of a role: the stated one, else that with the best name, the unit beside it; None if there is none.
+    """Return the column of a role: the stated one, else that with the best name.
 
-    Raises `BadInput` if a stated column is not there or two columns have the name.
+    Parameters
+    ----------
+    table : Table
+        The table.
+    role : str
+        The role.
+    stated : mapping of str to tuple of str
+        What the user states, as of `parse_columns`.
+
+    Returns
+    -------
+    Column or None
+        None if there is none.
+
+    Raises
+    ------
+    BadInput
+        If a stated column is not there or two columns have the name.
     """
     if role in stated:
         wanted, unit = stated[role]
@@ -215,13 +314,48 @@ def _repeats(table: Table, index: int) -> bool:
 
 
 def column_at(table: Table, index: int, unit: str = "") -> Column:
-    """The column of this index, with `unit` or else the one that the file states for it."""
+    """Return a column by its index.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    index : int
+        Its index, from 0.
+    unit : str
+        Its unit; empty: the one that the file states for it.
+
+    Returns
+    -------
+    Column
+        The column.
+    """
     in_name = name_and_unit(table.names[index])[1]
     return Column(index, table.names[index], unit or in_name or _alias(table.units[index]))
 
 
 def factor(table: Table, column: Column, dimension: str) -> float:
-    """What a value of the column is multiplied by to be in SI. Raises `BadInput` for a unit of another dimension."""
+    """Return what a value of a column is multiplied by to be in SI.
+
+    Parameters
+    ----------
+    table : Table
+        The table, for messages.
+    column : Column
+        The column.
+    dimension : str
+        One of `rigtwin.lab.units.DIMENSIONS`.
+
+    Returns
+    -------
+    float
+        The factor.
+
+    Raises
+    ------
+    BadInput
+        If the unit is of another dimension.
+    """
     try:
         return si(f"1 {column.unit}", dimension, name="unit")
     except BadQuantity:
@@ -232,5 +366,16 @@ def factor(table: Table, column: Column, dimension: str) -> float:
 
 
 def found_columns(table: Table) -> str:
-    """What a refusal says of the columns that were seen."""
+    """Return what a refusal says of the columns that were seen.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+
+    Returns
+    -------
+    str
+        A clause.
+    """
     return f"the columns are {', '.join(repr(name) for name in table.names)}"

@@ -40,7 +40,20 @@ def _attribute(element: Element, name: str, default: float) -> float:
 def read_xml(path: Path) -> Table:
     """Read a Tracker project (``.trk``) or TrackMate's XML (exported tracks, or a project).
 
-    Raises `BadInput` if the file is neither, holds no tracked point, declares entities, or if a number in it is none.
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Table
+        The table.
+
+    Raises
+    ------
+    BadInput
+        If the file is neither, holds no tracked point, declares entities, or if a number in it is none.
     """
     try:
         with opened(path, advice="give tracked data", largest=LARGEST_TABLE) as file:
@@ -62,7 +75,23 @@ def read_xml(path: Path) -> Table:
 
 
 def read_parquet(path: Path) -> Table:
-    """Read a Parquet file, as trackpy's tables are often kept. Raises `BadInput` if it or pyarrow is not there."""
+    """Read a Parquet file, as trackpy's tables are often kept.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Table
+        The table.
+
+    Raises
+    ------
+    BadInput
+        If it cannot be read.
+    """
     import pandas as pd
 
     advice = "export it as CSV"

@@ -90,7 +90,23 @@ class TrackedBodies:
     understood: Understood
 
     def in_metres(self, path: Path) -> tuple[Track, ...]:
-        """Return the tracks. Raises `BadInput` if no scale is known."""
+        """Return the tracks.
+
+        Parameters
+        ----------
+        path : Path
+            The file, for the message.
+
+        Returns
+        -------
+        tuple of Track
+            In metres.
+
+        Raises
+        ------
+        BadInput
+            If no scale is known.
+        """
         if self.unit != "m":
             raise BadInput(
                 f"{path}: x and y are in {self.unit or 'a unit that is not stated'}; give a scale or metres."
@@ -118,12 +134,41 @@ class TrackedSeries:
 
 
 def scale_used(read: TrackedBodies | TrackedProfiles, camera: Camera) -> dict[str, Any]:
-    """The camera's scale as a measurement states it, where lengths of the table were scaled by it; else empty."""
+    """Return the camera's scale as a measurement states it.
+
+    Parameters
+    ----------
+    read : TrackedBodies or TrackedProfiles
+        What was read.
+    camera : Camera
+        The camera.
+
+    Returns
+    -------
+    dict of str to object
+        ``scale_m_per_px`` and ``scale_from``; empty where lengths of the table were not scaled by it.
+    """
     return {"scale_m_per_px": camera.given_scale, "scale_from": camera.scale_from} if read.scaled else {}
 
 
 def read_table(path: Path) -> Table:
-    """Read a file of any kind that is known as a table. Raises `BadInput` if it is none."""
+    """Read a file of any kind that is known as a table.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Table
+        The table.
+
+    Raises
+    ------
+    BadInput
+        If it is none.
+    """
     suffix = path.suffix.lower()
     if suffix in (".trk", ".xml"):
         return read_xml(path)
@@ -400,9 +445,24 @@ def _up(table: Table, tracks: Sequence[Track], direction: Direction | None) -> t
 
 
 def read_profile(path: Path, options: TableOptions | None = None) -> Profile:
-    """Read one profile: x and height of a surface [m], sorted by x; an empty height is a place that is not seen.
+    """Read one profile: x and height of a surface, sorted by x.
 
-    Raises `BadInput` as `read_profiles`, or if the table holds several times.
+    Parameters
+    ----------
+    path : Path
+        A table as for `read_profiles`; an empty height is a place that is not seen.
+    options : TableOptions, optional
+        Columns as the user states them.
+
+    Returns
+    -------
+    Profile
+        The profile [m].
+
+    Raises
+    ------
+    BadInput
+        As `read_profiles` raises it, or if the table holds several times.
     """
     found = read_profiles(path, options)
     if len(found.profiles) > 1:

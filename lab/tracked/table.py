@@ -11,7 +11,18 @@ TABLES = (".csv", ".tsv", ".txt", ".dat", ".trk", ".xml", ".parquet")
 
 
 def is_table(path: Path) -> bool:
-    """Whether the suffix of a file is that of a table of tracked data."""
+    """Return whether the suffix of a file is that of a table of tracked data.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     return path.suffix.lower() in TABLES
 
 

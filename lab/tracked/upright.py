@@ -13,9 +13,17 @@ MOVING = 0.1  # share of the largest speed above which a body counts as in fligh
 
 
 def by_fall(tracks: Sequence[Track]) -> tuple[bool, str] | None:
-    """Whether y counts upwards in tracks of bodies in free flight: they accelerate downwards, but during contacts.
+    """Find whether y counts upwards in tracks of bodies in free flight: they accelerate downwards, but during contacts.
 
-    Returns the answer with the evidence in words, None if nothing moves.
+    Parameters
+    ----------
+    tracks : sequence of Track
+        The tracks, in any unit of length; the longest counts.
+
+    Returns
+    -------
+    tuple of bool and str, or None
+        The answer with the evidence in words; None if nothing moves.
     """
     track = max(tracks, key=lambda each: len(each.time))
     reach, falls = 1, []
@@ -34,7 +42,18 @@ def by_fall(tracks: Sequence[Track]) -> tuple[bool, str] | None:
 
 
 def by_swing(tracks: Sequence[Track]) -> tuple[bool, str] | None:
-    """Whether y counts upwards in tracks of hanging bodies: the centre of their circle is above them."""
+    """Find whether y counts upwards in tracks of hanging bodies: the centre of their circle is above them.
+
+    Parameters
+    ----------
+    tracks : sequence of Track
+        The tracks, in any unit of length; the widest counts.
+
+    Returns
+    -------
+    tuple of bool and str, or None
+        The answer with the evidence in words; None if nothing moves.
+    """
     track = max(tracks, key=lambda each: float(np.ptp(each.position[:, 0])))
     x, y = (track.position - track.position.mean(axis=0)).T
     if len(x) < 6 or not np.ptp(x) > 0:

@@ -177,7 +177,23 @@ def _converted(contact: Contact, code: Code, radius: float, other: float) -> Con
 
 
 def of_usual_damping(restitution: float) -> float:
-    """Input value for a code that damps by psi = -ln e / sqrt(pi^2 + ln^2 e) and allows no attraction in a contact."""
+    """Return the restitution that gives the same rebound in a code with the usual damping, which allows no attraction.
+
+    Parameters
+    ----------
+    restitution : float
+        Restitution here [1].
+
+    Returns
+    -------
+    float
+        Input value [1] for a code that damps by psi = -ln e / sqrt(pi^2 + ln^2 e).
+
+    Raises
+    ------
+    BadInput
+        If it is below what LIGGGHTS can reach.
+    """
     from rigtwin.sim.engine.contact import damping_ratio
 
     psi = damping_ratio(restitution)

@@ -18,7 +18,20 @@ SKIN = 0.2  # [diameters], Verlet skin
 
 
 def positions(deck: Deck, types: int) -> str:
-    """Data file with the beads that are there at the start; `types` is the number of materials."""
+    """Return a data file with the beads that are there at the start.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    types : int
+        Number of materials.
+
+    Returns
+    -------
+    str
+        Content of the file.
+    """
     scene, count = deck.scene, len(deck.scene.places)
     bounds = [f"{a:.9g} {b:.9g} {axis}lo {axis}hi" for a, b, axis in zip(scene.low, scene.high, "xyz", strict=True)]
     wide, density, each = diameters(deck), densities(deck), len(deck.particle.radii)
@@ -43,15 +56,36 @@ def _sizes(deck: Deck) -> Array:
 
 
 def diameters(deck: Deck) -> Array:
-    """Of the spheres of all particles, by their number [m]."""
+    """Return the diameters of the spheres of all particles.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    Array, shape (n,)
+        Diameters [m], by the number of the sphere.
+    """
     return np.outer(_sizes(deck), 2 * np.array(deck.particle.radii)).ravel()
 
 
 def densities(deck: Deck) -> Array:
-    """Of the spheres of all particles, by their number [kg/m^3].
+    """Return the densities of the spheres of all particles.
 
     Those of a clump have the masses with which the code, which adds spheres up as if they did not overlap, finds mass,
     centre and moments of inertia of the clump as nearly as it can.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    Array, shape (n,)
+        Densities [kg/m^3], by the number of the sphere.
     """
     shape, bead = deck.particle.shape, deck.particle
     if shape is None:
@@ -61,7 +95,18 @@ def densities(deck: Deck) -> Array:
 
 
 def inertia_missed(shape: Clump) -> float:
-    """Largest relative difference of a moment of inertia of the clump in such a code from its own."""
+    """Return by how much such a code misses the moments of inertia of a clump.
+
+    Parameters
+    ----------
+    shape : Clump
+        The clump.
+
+    Returns
+    -------
+    float
+        Largest relative difference of a moment [1].
+    """
     return _masses(shape)[1]
 
 
@@ -82,7 +127,22 @@ def _masses(shape: Clump) -> tuple[Array, float]:
 
 
 def spheres(deck: Deck, places: Array, first: int) -> Array:
-    """Centres [m] of the spheres of particles at `places`, whose numbers begin at `first`."""
+    """Return the centres of the spheres of particles.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    places : Array, shape (n, 3)
+        Centres of the particles [m].
+    first : int
+        Number of the first of them.
+
+    Returns
+    -------
+    Array, shape (m, 3)
+        Centres of their spheres [m].
+    """
     shape, scene = deck.particle.shape, deck.scene
     if shape is None or not len(places):
         return places
@@ -97,7 +157,20 @@ def spheres(deck: Deck, places: Array, first: int) -> Array:
 
 
 def start(deck: Deck, types: int) -> str:
-    """Commands that make the box and the beads that are there at the start."""
+    """Return the commands that make the box and the beads that are there at the start.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    types : int
+        Number of materials.
+
+    Returns
+    -------
+    str
+        The commands.
+    """
     scene, clump = deck.scene, deck.particle.shape is not None
     labels = "fix body all property/atom mol ghost yes\n" if clump else ""
     if len(scene.places):
@@ -108,7 +181,18 @@ def start(deck: Deck, types: int) -> str:
 
 
 def poured(deck: Deck) -> str:
-    """Commands that insert the batches of beads, `LOOK` apart."""
+    """Return the commands that insert the batches of beads, `LOOK` apart.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    str
+        The commands.
+    """
     steps = deck.steps(LOOK)
     lines, number = [f"# inserts the beads in batches, {LOOK:g} s apart"], len(deck.scene.places)
     for stage in deck.scene.stages:
@@ -161,10 +245,27 @@ def stages(
     lifted: Callable[[str, float], str] | None = None,
     moved: Callable[[Move], str] | None = None,
 ) -> str:
-    """Commands of all stages for the input file `name`.
+    """Return the commands of all stages.
 
-    `opened` gives the commands that remove a wall, `turned` those that turn all walls at a speed [rad/s]; in a code
-    that can, `lifted` gives those that lift a wall at a speed [m/s], and `moved` those that begin or end a motion.
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    name : str
+        Name of the input file.
+    opened : callable
+        Returns the commands that remove a wall, from its name.
+    turned : callable
+        Returns those that turn all walls, from the speed [rad/s].
+    lifted : callable, optional
+        Returns those that lift a wall, from its name and the speed [m/s], in a code that can.
+    moved : callable, optional
+        Returns those that begin or end a motion, in a code that can.
+
+    Returns
+    -------
+    str
+        The commands.
     """
     return "".join(_stages(deck, name, opened, turned, lifted, moved))
 
@@ -263,7 +364,18 @@ def _to(name: str, label: str) -> str:
 
 
 def observed(deck: Deck) -> str:
-    """Commands that make `fastest` and `energy` (the mean kinetic energy of a sphere) known, by which a bed rests."""
+    """Return the commands that make known by what a bed rests.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    str
+        The commands; they define ``fastest`` [m/s] and ``energy`` [J], the mean kinetic energy of a sphere.
+    """
     energy, more = "ke", ""
     if deck.particle.shape is not None:  # the temperature, of which `ke` is made, has no meaning for rigid bodies
         energy = "c_kinetic"
@@ -280,5 +392,16 @@ def observed(deck: Deck) -> str:
 
 
 def three(vector: object) -> str:
-    """Three numbers with spaces between them."""
+    """Return three numbers with spaces between them.
+
+    Parameters
+    ----------
+    vector : sequence of float
+        The numbers.
+
+    Returns
+    -------
+    str
+        The text.
+    """
     return " ".join(f"{value:.10g}" for value in vector)  # type: ignore[attr-defined]

@@ -107,7 +107,7 @@ class Deck:
 
     @property
     def time_step(self) -> float:
-        """[s]"""
+        """Time step [s]."""
         lowest = min([self._restitution, *(one.restitution for _, one in (self.surfaces or {}).values())])
         return time_step([self.soft], self.time_step_fraction, forced=self.forced, restitution=lowest)[0]
 
@@ -138,7 +138,18 @@ class Deck:
         return pair_law(bead, bead, self.contact), pair_law(bead, self.soft_wall, self.wall_contact)
 
     def steps(self, duration: float) -> int:
-        """Number of time steps in `duration` [s], at least one."""
+        """Return the number of time steps in a duration.
+
+        Parameters
+        ----------
+        duration : float
+            Duration [s].
+
+        Returns
+        -------
+        int
+            At least one.
+        """
         return max(1, round(duration / self.time_step))
 
     @property
@@ -206,7 +217,23 @@ class Deck:
 
 
 def read_deck(folder: Path) -> Deck:
-    """The deck in a folder that `rigtwin export` wrote; raises `BadInput` where there is none."""
+    """Read the deck in a folder that `rigtwin export` wrote.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+
+    Returns
+    -------
+    Deck
+        The deck.
+
+    Raises
+    ------
+    BadInput
+        If there is none, or it is damaged.
+    """
     from pydantic import TypeAdapter
 
     path = folder / DESCRIPTION
@@ -239,7 +266,22 @@ _APART = ("code", "rig", "particle", "wall", "surfaces", "notes")
 
 
 def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
-    """Stiffness S_t R^2 [N m/rad] of type C's rolling spring under `LOAD`; `radius` [m] is the effective one."""
+    """Return the stiffness S_t R^2 of type C's rolling spring under `LOAD`.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+    law : PairLaw
+        Constants of the contact.
+    radius : float
+        Effective radius [m].
+
+    Returns
+    -------
+    float
+        Stiffness [N m/rad].
+    """
     from rigtwin.lab.rigs import GRAVITY
 
     bead = deck.particle.typical
@@ -249,10 +291,20 @@ def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
 
 
 def triangles(shape: Shape) -> Array:
-    """Triangles [m] of a wall, shape (n, 3 corners, 3).
+    """Return the triangles of a wall.
 
     A circle becomes a polygon of equal area.  A disc is cut into strips and not into sectors: a bead on its middle
     would touch all of these at once.  A slender tube is cut into rings.
+
+    Parameters
+    ----------
+    shape : Shape
+        The wall.
+
+    Returns
+    -------
+    Array, shape (n, 3, 3)
+        Corners of the triangles [m].
     """
     from rigtwin.sim.engine.walls import elements
 

@@ -26,7 +26,18 @@ TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
 
 
 def differences(deck: Deck) -> tuple[str, ...]:
-    """Remaining differences from rigtwin's own twin."""
+    """Return the remaining differences from rigtwin's own twin.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    tuple of str
+        The differences, in words.
+    """
     found = [
         "the spring of LAMMPS's rolling sds does not stiffen with the load; it equals type C's under ten weights",
         "a disc is a plate with a thickness of half a bead's radius on the side without beads",
@@ -42,7 +53,18 @@ def differences(deck: Deck) -> tuple[str, ...]:
 
 
 def converted(deck: Deck) -> dict[str, Any]:
-    """Coefficients in LAMMPS's conventions."""
+    """Return the coefficients in LAMMPS's conventions.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    dict of str to object
+        The coefficients, in SI.
+    """
     names = ("k_n", "restitution", "k_t", "x_gamma_t", "static_friction", "k_roll", "gamma_roll", "rolling_friction")
     among, against = _coefficients(deck)
     return {
@@ -53,7 +75,18 @@ def converted(deck: Deck) -> dict[str, Any]:
 
 
 def files(deck: Deck) -> dict[str, str]:
-    """Input files by name."""
+    """Return the input files.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    dict of str to str
+        Contents by name.
+    """
     scene = deck.scene
     named = {NAME: _input(deck)}
     if len(scene.places):

@@ -23,7 +23,18 @@ COMMAND = f"liggghts -in {NAME}"
 
 
 def differences(deck: Deck) -> tuple[str, ...]:
-    """Remaining differences from rigtwin's own twin."""
+    """Return the remaining differences from rigtwin's own twin.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    tuple of str
+        The differences, in words.
+    """
     found = [DIFFERS[ROLLING[deck.rolling]]]
     if not deck.own_walls:
         found.append("round walls are polygons of equal area")
@@ -34,13 +45,35 @@ def differences(deck: Deck) -> tuple[str, ...]:
 
 
 def converted(deck: Deck) -> dict[str, Any]:
-    """Coefficients in LIGGGHTS's conventions."""
+    """Return the coefficients in LIGGGHTS's conventions.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    dict of str to object
+        The coefficients, in SI.
+    """
     made = _card(deck).to_json()
     return {"contacts": made["contacts"], "rolling_friction_arm": made["rolling_friction_arm"]}
 
 
 def files(deck: Deck) -> dict[str, str]:
-    """Input files by name."""
+    """Return the input files.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    dict of str to str
+        Contents by name.
+    """
     scene = deck.scene
     named = {"contacts.in": _card(deck).text, NAME: _input(deck)}
     named |= {f"{name}.stl": _stl(name, triangles(shape)) for name, shape in scene.walls.items()}

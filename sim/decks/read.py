@@ -65,9 +65,24 @@ def frames(path: Path, time_step: float) -> list[Frame]:
 
 
 def record_of(folder: Path, deck: Deck) -> Any:
-    """What `rigtwin.sim.<rig>.run` would return, from the dumps in the folder of a deck that has run.
+    """Return what `rigtwin.sim.<rig>.run` would return, from the dumps of a deck that has run.
 
-    Raises `BadInput` where it has not run to its end, or its dumps are damaged.
+    Parameters
+    ----------
+    folder : Path
+        Folder of the deck.
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    object
+        The result of the rig's `replayed`.
+
+    Raises
+    ------
+    BadInput
+        If the deck has not run to its end, or its dumps are damaged.
     """
     if not (folder / END).is_file():
         raise BadInput(f"{folder}: there is no {END}: the deck has not run to its end; run there: {deck.command}")

@@ -405,7 +405,18 @@ def _custom(rig: CustomRig, particle: Particle, count: int, random: np.random.Ge
 
 
 def mesh_name(name: str) -> str:
-    """Name of a wall of the user's own in a deck, in which a hyphen is no letter."""
+    """Return the name of a wall of the user's own in a deck, in which a hyphen is no letter.
+
+    Parameters
+    ----------
+    name : str
+        Name of the wall.
+
+    Returns
+    -------
+    str
+        The name in the deck.
+    """
     return f"wall_{name.replace('-', '_')}"
 
 

@@ -18,7 +18,18 @@ WALL_ROLLING_EVERY = 10  # [steps], after which new contacts with walls have the
 
 
 def differences(deck: Deck) -> tuple[str, ...]:
-    """Remaining differences from rigtwin's own twin."""
+    """Return the remaining differences from rigtwin's own twin.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    tuple of str
+        The differences, in words.
+    """
     found = [
         "the rolling spring of Yade does not stiffen with the load and has no dashpot; it equals type C's under ten "
         "weights",
@@ -34,7 +45,18 @@ def differences(deck: Deck) -> tuple[str, ...]:
 
 
 def converted(deck: Deck) -> dict[str, Any]:
-    """Coefficients in Yade's conventions."""
+    """Return the coefficients in Yade's conventions.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    dict of str to object
+        The coefficients, in SI.
+    """
     return {
         "restitution": [deck.contact.restitution, deck.wall_contact.restitution],
         "static_friction": [deck.contact.static_friction, deck.wall_contact.static_friction],
@@ -45,7 +67,18 @@ def converted(deck: Deck) -> dict[str, Any]:
 
 
 def files(deck: Deck) -> dict[str, str]:
-    """The script and its numbers, by name."""
+    """Return the script and its numbers.
+
+    Parameters
+    ----------
+    deck : Deck
+        The deck.
+
+    Returns
+    -------
+    dict of str to str
+        Contents by name.
+    """
     scene, bead = deck.scene, deck.soft
     numbers = {
         "radius": bead.typical.radius,

@@ -45,6 +45,7 @@ def library() -> tuple[Effect, ...]:
     Returns
     -------
     tuple of Effect
+        The effects.
 
     Examples
     --------
@@ -71,6 +72,7 @@ def named(name: str) -> Effect:
     Returns
     -------
     Effect
+        The effect.
 
     Raises
     ------

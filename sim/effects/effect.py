@@ -16,7 +16,7 @@ RIGS = ("drop", "pendulum", "double", "slide", "roll")
 class Parameter:
     """One coefficient of an effect, in SI units.
 
-    Parameters
+    Attributes
     ----------
     name, unit : str
         Name as used in a model file, and SI unit ("1" for a dimensionless coefficient).
@@ -63,7 +63,7 @@ class Parameter:
 class Effect:
     """One term that can be added to a model of a rig or of its camera.
 
-    Parameters
+    Attributes
     ----------
     name : str
         Name in model files and reports.

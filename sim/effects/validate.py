@@ -33,7 +33,18 @@ PAIRS = ("force", "view")  # hooks that return two numbers; the others return on
 def check(effect: Effect, path: Path) -> None:
     """Call each hook with the typical values of the parameters.
 
-    Raises `BadInput` where a hook fails, returns a wrong count of numbers, or a value that is not finite.
+    Parameters
+    ----------
+    effect : Effect
+        The effect.
+    path : Path
+        Its file, for messages.
+
+    Raises
+    ------
+    BadInput
+        If the effect has no parameter, or a hook fails, is reserved, or returns a wrong count of numbers or a value
+        that is not finite.
     """
     if not effect.parameters:
         raise BadInput(f"{path}: effect {effect.name} has no parameter; give it at least one, whose size is fitted.")
@@ -64,7 +75,18 @@ def check(effect: Effect, path: Path) -> None:
 
 
 def one_sided(effect: Effect) -> bool:
-    """Whether the force or torque of the mirrored motion is not the mirrored one: it has a fixed direction."""
+    """Return whether the force or torque of the mirrored motion is not the mirrored one: it has a fixed direction.
+
+    Parameters
+    ----------
+    effect : Effect
+        The effect, at the typical values of its parameters.
+
+    Returns
+    -------
+    bool
+        Whether it has.
+    """
     typical = [parameter.typical for parameter in effect.parameters]
     across, up = (one.ravel() for one in np.meshgrid(SPEED, SPEED))
     for height in HEIGHTS:

@@ -16,10 +16,37 @@ LEAST = 1e-3  # fraction; contacts gain no accuracy below 0.01, and a run would 
 def time_step(
     particles: Sequence[Particle], fraction: float = USUAL, *, forced: bool = False, restitution: float = 1.0
 ) -> tuple[float, tuple[str, ...]]:
-    """Time step [s] as a fraction of the smallest Rayleigh step (Hlosta et al. 2020, eq. 7), and warnings about it.
+    """Return the time step as a fraction of the smallest Rayleigh step.
 
-    An unstable step raises `BadInput` unless it is `forced`.  The lowest `restitution` of the contacts makes it shorter
-    where the dashpots and not the springs decide which step is stable (`dashpot_factor`).
+    The lowest restitution of the contacts makes it shorter where the dashpots and not the springs decide which step is
+    stable (`dashpot_factor`).
+
+    Parameters
+    ----------
+    particles : sequence of Particle
+        The particles, with the moduli that are simulated.
+    fraction : float
+        Time step over Rayleigh's [1].
+    forced : bool
+        Whether an unstable step is taken.
+    restitution : float
+        Lowest restitution of the contacts [1].
+
+    Returns
+    -------
+    step : float
+        Time step [s].
+    warnings : tuple of str
+        Warnings about it.
+
+    Raises
+    ------
+    BadInput
+        If the fraction is not positive or too small, or the step is unstable and not forced.
+
+    References
+    ----------
+    Hlosta et al. 2020, eq. 7.
     """
     if not (math.isfinite(fraction) and fraction > 0):
         raise BadInput(f"time_step_fraction must be a positive number, got {fraction:g}.")
@@ -50,12 +77,22 @@ def time_step(
 
 
 def dashpot_factor(restitution: float) -> float:
-    """Factor on the time step for a contact of low restitution; 1 from `SPRINGS_DECIDE` upwards.
+    """Return a factor on the time step for contacts of low restitution.
+
+    Parameters
+    ----------
+    restitution : float
+        Lowest restitution of the contacts [1].
+
+    Returns
+    -------
+    float
+        At most 1, which it is from `SPRINGS_DECIDE` upwards [1].
 
     Notes
     -----
-    A spring of frequency w with a dashpot of damping ratio psi is stable under symplectic Euler steps of at most
-    2 (sqrt(1 + psi^2) - psi) / w.  The factor is that limit over the limit at `SPRINGS_DECIDE`.
+    A spring of frequency w with a dashpot of damping ratio psi is stable under symplectic Euler steps of at most 2
+    (sqrt(1 + psi^2) - psi) / w.  The factor is that limit over the limit at `SPRINGS_DECIDE`.
 
     Examples
     --------
@@ -73,14 +110,38 @@ def _stable(restitution: float) -> float:
 
 
 def positive(**values: float) -> None:
-    """Raise `BadInput` naming the first value that is not a finite, positive number."""
+    """Refuse values that are not finite, positive numbers.
+
+    Parameters
+    ----------
+    **values : float
+        Values by name.
+
+    Raises
+    ------
+    BadInput
+        If one is not; the message names the first.
+    """
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0):
             raise BadInput(f"{name} must be a positive number, got {value:g}.")
 
 
 def of_kind(one: object, kind: type) -> None:
-    """Raise `BadInput` if an object is not of the class `kind`."""
+    """Refuse an object of another class.
+
+    Parameters
+    ----------
+    one : object
+        The object.
+    kind : type
+        The class.
+
+    Raises
+    ------
+    BadInput
+        If the object is not of it.
+    """
     if not isinstance(one, kind):
         room = kind.__module__.rpartition(".")[2]
         raise BadInput(f"{one!r:.80} is no {room}.{kind.__name__}; make one for each run.")

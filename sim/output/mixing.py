@@ -24,7 +24,18 @@ class Mixing:
     cells: int  # with enough beads
 
     def quantity(self, turns: float) -> Quantity:
-        """The index after `turns` revolutions of a drum; doubtful if it is based on few cells."""
+        """Return the index as a quantity; doubtful if it is based on few cells.
+
+        Parameters
+        ----------
+        turns : float
+            Revolutions of the drum so far [1].
+
+        Returns
+        -------
+        Quantity
+            ``mixing_index`` [1].
+        """
         few = (
             f"the mixing index is counted in only {self.cells} cells of {CELL:g} bead diameters that hold at least "
             f"{FEWEST} beads; give more beads, or smaller ones"
@@ -37,13 +48,33 @@ class Mixing:
 
 
 def lacey(centres: Array, marked: Mask, cell: float) -> float:
-    """Lacey's mixing index of the marked beads in cells of side `cell` [m] in x and z: 0 separated, 1 random.
+    """Return Lacey's mixing index of marked beads, counted in cells in x and z.
 
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the beads [m]; a corner of the cells is at the origin.
+    marked : Mask, shape (n,)
+        Which beads are marked.
+    cell : float
+        Side of the cells [m].
+
+    Returns
+    -------
+    float
+        0 separated, 1 random; NaN if fewer than two cells hold enough beads, or if all their beads are of one kind.
+
+    Notes
+    -----
     M = (S0^2 - S^2) / (S0^2 - SR^2), with S0^2 = p (1 - p) separated, SR^2 = p (1 - p) / n random, and S^2 the variance
-    of the marked fraction among the cells, weighted by their numbers of beads (Lacey 1954, J. Appl. Chem. 4, 257).
-    `centres` [m] have shape (n, 3); a corner of the cells is at the origin.  NaN if fewer than two cells hold enough
-    beads, or if all their beads are of one kind.
+    of the marked fraction among the cells, weighted by their numbers of beads.
 
+    References
+    ----------
+    Lacey 1954, J. Appl.  Chem. 4, 257.
+
+    Examples
+    --------
     >>> lacey(np.array([[0.5, 0, 0]] * 5 + [[1.5, 0, 0]] * 5), np.arange(10) < 5, 1.0)
     0.0
     """
@@ -51,7 +82,18 @@ def lacey(centres: Array, marked: Mask, cell: float) -> float:
 
 
 def mixing(centres: Array, marked: Mask, cell: float) -> Mixing:
-    """`lacey` with its standard uncertainty."""
+    """Return Lacey's index with its standard uncertainty.
+
+    Parameters
+    ----------
+    centres, marked, cell : Array, Mask, float
+        As for `lacey`.
+
+    Returns
+    -------
+    Mixing
+        Index, uncertainty and number of cells.
+    """
     beads, share = _counted(centres, marked, cell)
     count, every = len(beads), np.arange(len(beads))
     without = np.array([_index(beads[every != k], share[every != k]) for k in every])

@@ -22,9 +22,27 @@ NEIGHBOURS = 1.1  # [sums of radii], largest distance of the centres of neighbou
 def outline(
     centres: Array, radii: Array, span: tuple[float, float], *, grain: float, floor: float = 0.0, view: str
 ) -> Profile:
-    """Outline of spheres over x in `span` [m], seen along y; height above `floor` [m], NaN without a sphere.
+    """Return the outline of spheres, seen along y.
 
-    The spacing of the points is 1/24 of the diameter `grain` [m].
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+    span : tuple of float
+        Ends of the outline in x [m].
+    grain : float
+        A diameter [m], of which the spacing of the points is 1/24.
+    floor : float
+        Level z [m] from which heights count.
+    view : str
+        Name of the view.
+
+    Returns
+    -------
+    Profile
+        Height [m] over x; NaN without a sphere.
     """
     x = np.linspace(*span, math.ceil((span[1] - span[0]) / grain * POINTS_PER_DIAMETER) + 1)
     height = highest(x, centres[:, 0], centres[:, 2], radii)
@@ -33,9 +51,25 @@ def outline(
 
 
 def silhouette(centres: Array, radii: Array | float, base_diameter: float, view: float) -> Profile:
-    """Outline of spheres on a round base, seen from `view` [deg] about its axis; 0 where only the base is visible.
+    """Return the outline of spheres on a round base, seen from the side.
 
-    x runs over the base, 0 on its axis.  A rim is ignored: it would hide beads, but not raise the outline.
+    A rim is ignored: it would hide beads, but not raise the outline.
+
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m], from the middle of the base.
+    radii : Array, shape (n,), or float
+        Their radii [m].
+    base_diameter : float
+        Diameter of the base [m].
+    view : float
+        Direction of view [deg] about its axis.
+
+    Returns
+    -------
+    Profile
+        Height [m] over x, which runs over the base, 0 on its axis; 0 where only the base is visible.
     """
     radii = np.broadcast_to(radii, len(centres))
     angle = math.radians(view)
@@ -48,7 +82,22 @@ def silhouette(centres: Array, radii: Array | float, base_diameter: float, view:
 
 
 def highest(x: Array, across: Array, up: Array, radii: Array) -> Array:
-    """Height [m] of the uppermost edge of spheres at `across` and `up` over each `x` [m]; minus infinity if none."""
+    """Return the height of the uppermost edge of spheres over each x.
+
+    Parameters
+    ----------
+    x : Array, shape (k,)
+        The places [m].
+    across, up : Array, shape (n,)
+        Centres of the spheres, along x and upwards [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+
+    Returns
+    -------
+    Array, shape (k,)
+        Heights [m]; minus infinity if there is none.
+    """
     height = np.full(len(x), -np.inf)
     for part in np.array_split(np.arange(len(across)), max(1, len(across) // 1000)):
         inside = radii[part, None] ** 2 - (x - across[part, None]) ** 2
@@ -60,7 +109,20 @@ def highest(x: Array, across: Array, up: Array, radii: Array) -> Array:
 
 
 def bed(centres: Array, radii: Array) -> npt.NDArray[np.bool_]:
-    """Mask of the spheres in the largest cluster of neighbours, without those in flight."""
+    """Return which spheres are in the largest cluster of neighbours, without those in flight.
+
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+
+    Returns
+    -------
+    Array of bool, shape (n,)
+        Whether each is in it.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -75,16 +137,43 @@ def bed(centres: Array, radii: Array) -> npt.NDArray[np.bool_]:
 
 
 def surface(centres: Array, radii: Array, diameter: float) -> Array:
-    """Height [m] of the uppermost sphere over points spread evenly over a round base; 0 without a sphere."""
+    """Return the height of the uppermost sphere over points spread evenly over a round base.
+
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m], from the middle of the base.
+    radii : Array, shape (n,)
+        Their radii [m].
+    diameter : float
+        Diameter of the base [m].
+
+    Returns
+    -------
+    Array, shape (k,)
+        Heights [m]; 0 without a sphere.
+    """
     x = (np.arange(SURFACE_POINTS) + 0.5) / SURFACE_POINTS * diameter - diameter / 2
     points = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1)
     return surface_over(x, x, centres, radii)[np.hypot(points[..., 0], points[..., 1]) < diameter / 2]
 
 
 def surface_over(x: Array, y: Array, centres: Array, radii: Array) -> Array:
-    """Height [m] of the uppermost sphere over a grid, shape (len(x), len(y)); 0 without a sphere.
+    """Return the height of the uppermost sphere over a grid.
 
-    `x` and `y` [m] are evenly spaced each.
+    Parameters
+    ----------
+    x, y : Array
+        Places of its lines [m], evenly spaced each.
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+
+    Returns
+    -------
+    Array, shape (len(x), len(y))
+        Heights [m]; 0 without a sphere.
     """
     height = np.zeros((len(x), len(y)))
     reach = radii.max(initial=0.0)

@@ -32,11 +32,34 @@ def draw(
     tilt: float = 20.0,
     colours: Array | None = None,
 ) -> Image:
-    """RGB image of spheres, shape (height, width, 3), scaled to show all beads and walls.
+    """Draw spheres and walls, scaled to show all of them.
 
-    `centres` [m], shape (n, 3), z up; `radii` [m], shape (n,).  `walls` are triangles [m], shape (m, 3, 3), as
-    returned by `trajectory.triangles`.  The view is along y, rotated by `turn` [deg] about z, from `tilt` [deg] above
-    the horizon.  `colours` are RGB of each bead, 0 to 255, shape (n, 3).
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m], z up.
+    radii : Array, shape (n,)
+        Their radii [m].
+    walls : Array, shape (m, 3, 3), optional
+        Triangles [m], as of `rigtwin.sim.output.trajectory.triangles`.
+    width, height : int
+        Size of the image [px].
+    turn : float
+        Direction of view [deg]: along y, rotated about z.
+    tilt : float
+        Height of the view above the horizon [deg].
+    colours : Array, shape (n, 3), optional
+        RGB of each sphere, 0 to 255.
+
+    Returns
+    -------
+    Image, shape (height, width, 3)
+        RGB image.
+
+    Raises
+    ------
+    BadInput
+        If there is nothing to draw.
     """
     positive(width=width, height=height)
     centres, radii = np.asarray(centres, dtype=float).reshape(-1, 3), np.broadcast_to(radii, len(centres))
@@ -65,10 +88,25 @@ def strobe(
     walls: Array | None = None,
     flashes: int = 40,
 ) -> Image:
-    """Strobe image of non-rotating bodies at `flashes` times; tracks are in x and y.
+    """Draw bodies that do not rotate at several times; later flashes are darker.
 
-    A body consists of spheres of `radii` [m], shape (n,), at `offsets` [m] from its centre, shape (n, 3), z up.  Later
-    flashes are darker.  `walls` are triangles [m] as in `draw`, with y into the image; see `slab`.
+    Parameters
+    ----------
+    tracks : sequence of Track
+        Paths of the bodies, in x and y.
+    radii : Array, shape (n,)
+        Radii of the spheres of which each body consists [m].
+    offsets : Array, shape (n, 3)
+        Their centres from the centre of the body [m], z up.
+    walls : Array, shape (m, 3, 3), optional
+        Triangles [m] as for `draw`, with y into the image; see `slab`.
+    flashes : int
+        Number of times over the longest track.
+
+    Returns
+    -------
+    Image
+        RGB image.
     """
     lasts = max(float(np.ptp(track.time)) for track in tracks)
     centres, shades = [], []
@@ -86,10 +124,22 @@ def strobe(
 
 
 def slab(low: Sequence[float], high: Sequence[float], *, turned: float = 0.0) -> Array:
-    """Front view of a plate from `low` to `high` (right, up) [m] as two triangles, shape (2, 3, 3).
+    """Return the front view of a plate as two triangles.
 
-    The plate is rotated by `turned` [rad] about the origin, anticlockwise in the image.
+    Parameters
+    ----------
+    low, high : sequence of float
+        Opposite corners (right, up) [m].
+    turned : float
+        Angle [rad] by which the plate is rotated about the origin, anticlockwise in the image.
 
+    Returns
+    -------
+    Array, shape (2, 3, 3)
+        The triangles [m].
+
+    Examples
+    --------
     >>> slab((0, 0), (2, 1)).shape
     (2, 3, 3)
     """

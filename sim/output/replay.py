@@ -26,7 +26,18 @@ class Frame:
     sizes: Array | None = None  # of all spheres by their number, over the largest; None: all alike
 
     def beads(self, particle: Particle) -> Beads:
-        """The spheres, all of them of this particle or of clumps of it; their spin is not known and taken as zero."""
+        """Return the spheres as the engine has them.
+
+        Parameters
+        ----------
+        particle : Particle
+            All of them are this particle or of clumps of it.
+
+        Returns
+        -------
+        Beads
+            The spheres; their spin is not known and taken as zero.
+        """
         from rigtwin.sim.engine.bulk.particle_state import Beads
 
         count, each = len(self.ident), len(particle.radii)
@@ -48,7 +59,18 @@ class Frame:
         return np.ones(len(self.ident)) if self.sizes is None else self.sizes[self.ident]
 
     def grains(self, particle: Particle) -> Grains:
-        """The same spheres as particles; those of a clump of which a sphere is missing are left out."""
+        """Return the same spheres as particles.
+
+        Parameters
+        ----------
+        particle : Particle
+            All of them are this particle or of clumps of it.
+
+        Returns
+        -------
+        Grains
+            The particles; clumps of which a sphere is missing are left out.
+        """
         if particle.shape is not None:
             return self._clumps(particle)._alike(particle)
         return self._alike(particle)

@@ -34,7 +34,15 @@ CHUNK = 4096  # rows of a compressed block of a dataset
 
 
 class Trajectory(ABC):
-    """A file to which frames are added."""
+    """A file to which frames are added.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder is made.
+    frames : int
+        Number of frames that it has already.
+    """
 
     def __init__(self, path: Path, frames: int) -> None:
         self.path = path
@@ -44,7 +52,22 @@ class Trajectory(ABC):
         path.parent.mkdir(parents=True, exist_ok=True)
 
     def add(self, beads: Beads, time: float, step: int) -> None:
-        """Add the state at `time` [s], after `step` steps.  Raises `OSError` naming the file if the disk is full."""
+        """Add a frame.
+
+        Parameters
+        ----------
+        beads : Beads
+            The spheres.
+        time : float
+            Time [s].
+        step : int
+            Number of steps so far.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written; the error names the file.
+        """
         with self._whole():
             self._append(beads, time, step)
             self.frames += 1
@@ -89,8 +112,26 @@ class Trajectory(ABC):
 def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, frames: int = 0) -> Trajectory:
     """Open a trajectory in the format of the suffix, .gsd or .vtkhdf.
 
-    `kinds` are the names of the kinds of particles, `domain` [m] the corners of the box that contains all of them.
-    With `frames` an existing file is continued after that number of its frames; if there is none a new one begins.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kinds : sequence of str
+        Names of the kinds of particles.
+    domain : tuple of Array
+        Low and high corner [m] of the box that contains all of them.
+    frames : int
+        Number of its frames after which an existing file is continued; if there is none a new one begins.
+
+    Returns
+    -------
+    Trajectory
+        The open file.
+
+    Raises
+    ------
+    BadInput
+        If the suffix is unknown, or the file cannot be written or continued.
     """
     if path.suffix not in FORMATS:
         raise BadInput(f"trajectory: {path.name} has no known suffix; use .gsd (OVITO) or .vtkhdf (ParaView).")
@@ -113,7 +154,7 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
         ) from None
 
 
-class Gsd(Trajectory):
+class _Gsd(Trajectory):
     """GSD in HOOMD's schema: position, velocity, diameter, mass, type, and as body the clump of a bead.
 
     Spin, number of each bead and time are logs.  The schema's box is centred on the origin; it is the smallest such box
@@ -167,7 +208,7 @@ class Gsd(Trajectory):
         self._file.close()
 
 
-class Disk(io.RawIOBase):
+class _Disk(io.RawIOBase):
     """A file that HDF5 writes, with errors kept until they are asked for.
 
     HDF5 cannot close a file that it failed to write: the process ends with a segmentation fault.  After an error
@@ -242,7 +283,7 @@ class Disk(io.RawIOBase):
         super().close()
 
 
-class VtkHdf(Trajectory):
+class _VtkHdf(Trajectory):
     """Temporal VTKHDF, type PolyData: beads as points with radius, velocity, spin, ident, kind and grain.
 
     `grain` is the particle to which a bead belongs.  Every frame has one vertex cell per bead.  The numbering of the
@@ -262,7 +303,7 @@ class VtkHdf(Trajectory):
         import h5py
 
         super().__init__(path, frames)
-        self._disk = Disk(self.part, keep=frames > 0)
+        self._disk = _Disk(self.part, keep=frames > 0)
         try:
             self._file: Any = h5py.File(self._disk, "r+" if frames else "w")
         except BaseException:
@@ -356,7 +397,7 @@ class VtkHdf(Trajectory):
         self._disk.check()
 
 
-FORMATS: dict[str, type[Gsd | VtkHdf]] = {".gsd": Gsd, ".vtkhdf": VtkHdf}
+FORMATS: dict[str, type[_Gsd | _VtkHdf]] = {".gsd": _Gsd, ".vtkhdf": _VtkHdf}
 
 
 def _enough(there: int, wanted: int) -> None:
@@ -384,7 +425,16 @@ def _append(dataset: Any, rows: npt.ArrayLike) -> None:
 def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]) -> None:
     """Write the walls as a mesh of triangles in VTK's legacy text format, which OVITO and ParaView read.
 
-    An infinite plane is cut to the `domain` [m].  Each triangle has the number of its wall as cell data.
+    Each triangle has the number of its wall as cell data.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    shapes : sequence of Shape
+        The walls.
+    domain : tuple of Array
+        Low and high corner [m], to which an infinite plane is cut.
     """
     meshes = [triangles(shape, domain) for shape in shapes]
     corners = np.concatenate([mesh.reshape(-1, 3) for mesh in meshes]) if meshes else np.zeros((0, 3))
@@ -399,7 +449,20 @@ def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]
 
 
 def triangles(shape: Shape, domain: tuple[Array, Array]) -> Array:
-    """Triangles of a wall [m], shape (n, 3 corners, 3); a plane is cut to the `domain` [m]."""
+    """Return the triangles of a wall.
+
+    Parameters
+    ----------
+    shape : Shape
+        The wall.
+    domain : tuple of Array
+        Low and high corner [m], to which a plane is cut.
+
+    Returns
+    -------
+    Array, shape (n, 3, 3)
+        Corners of the triangles [m].
+    """
     from rigtwin.sim.engine.walls import elements
     from rigtwin.sim.engine.walls.shapes import Plane
 

@@ -54,6 +54,7 @@ class Emptying:
 
     @property
     def shapes(self) -> list[Shape]:
+        """The lid of the drain first, then the floor around it and the side wall."""
         from rigtwin.sim.engine.walls.shapes import Annulus, Cylinder, Disc
 
         at, up = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -62,15 +63,18 @@ class Emptying:
 
     @property
     def domain(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Low and high corner [m] of the domain."""
         side = self.rig.base_diameter / 2 + 2 * self.particle.diameter
         return (-side, -side, -BELOW), (side, side, self.height + 2 * self.particle.diameter)
 
     @property
     def settings(self) -> dict[str, Any]:
+        """Longest wait [s] for the filling, which decides the outcome of a run."""
         return {"fill_limit": self.fill_limit}
 
     @property
     def assumptions(self) -> dict[str, str]:
+        """What the rig's description leaves open, in words by name."""
         assumed = f"not stated: a third of the base, at least {LEAST_DRAIN} bead diameters"
         given = assumed if self.rig.drain_diameter is None else "as given"
         return {
@@ -81,10 +85,22 @@ class Emptying:
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Nothing to check: beads that leave are only simulated over a short fall."""
+        """Check nothing: beads that leave are only simulated over a short fall.
+
+        Parameters
+        ----------
+        fastest, falls_freely : float, bool
+            As for `rigtwin.sim.pile.pile.Method.need_bearable`.
+        """
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
-        """Fill the container and open its drain."""
+        """Fill the container and open its drain.
+
+        Parameters
+        ----------
+        bulk, logbook, course, progress : Bulk, Logbook, Course, Progress
+            As for `rigtwin.sim.pile.pile.Method.form`.
+        """
         if not course.placed:
             half = self.rig.base_diameter / 2
             box = np.array([-half, -half, 0.0]), np.array([half, half, self.height])
@@ -95,6 +111,18 @@ class Emptying:
             bulk.remove_wall(LID)
 
     def warnings(self, course: Course, staying: Array) -> list[str]:
+        """Warn about a filling that still moved, and about a bridged drain.
+
+        Parameters
+        ----------
+        course, staying : Course, Array
+            As for `rigtwin.sim.pile.pile.Method.warnings`.
+
+        Returns
+        -------
+        list of str
+            The warnings.
+        """
         found = []
         if not course.in_time:
             found.append("the filling was still moving when the drain was opened; raise --fill-limit")
@@ -105,7 +133,25 @@ class Emptying:
 
 
 def emptying(rig: Pile, particle: Particle, count: int, fill_limit: float) -> Emptying:
-    """The container and its drain."""
+    """Return the container and its drain.
+
+    Parameters
+    ----------
+    rig, particle, count : Pile, Particle, int
+        As for `rigtwin.sim.pile.pile.run`.
+    fill_limit : float
+        Longest wait [s] until the filling rests.
+
+    Returns
+    -------
+    Emptying
+        Container and drain.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     usual = max(DRAIN * rig.base_diameter, LEAST_DRAIN * particle.diameter)
     drain = usual if rig.drain_diameter is None else rig.drain_diameter
     positive(drain_diameter=drain, fill_limit=fill_limit)
@@ -125,10 +171,28 @@ def emptying(rig: Pile, particle: Particle, count: int, fill_limit: float) -> Em
 
 
 def section(centres: Array, radii: Array, rig: Pile, drain_diameter: float, grain: float, view: float) -> Profile:
-    """Surface of the remaining bed in the section perpendicular to the line of sight `view` [deg], back to back.
+    """Return the surface of the remaining bed in a section through the axis, its halves back to back.
 
-    Beads whose centre lies within a diameter `grain` [m] of the plane belong to it.  x runs from one edge of the hole
-    (negative) over the wall (0) to the other edge, heights are above the floor.
+    Parameters
+    ----------
+    centres : Array, shape (n, 3)
+        Centres of the spheres [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+    rig : Pile
+        Its base diameter, that of the container, is used.
+    drain_diameter : float
+        Diameter of the hole [m].
+    grain : float
+        Diameter of a particle [m]; spheres whose centre is within it of the plane belong to the section.
+    view : float
+        Line of sight [deg], to which the section is perpendicular.
+
+    Returns
+    -------
+    Profile
+        Heights above the floor [m]; x [m] runs from one edge of the hole (negative) over the wall (0) to the other
+        edge.
     """
     wide, hole = rig.base_diameter / 2, drain_diameter / 2
     angle = math.radians(view)

@@ -251,22 +251,91 @@ class Method(Protocol):
     """One way of making a heap."""
 
     @property
-    def shapes(self) -> Any: ...
+    def shapes(self) -> Any:
+        """Walls, as `rigtwin.sim.run.set_up.Bench.bulk` takes them."""
+
     @property
-    def domain(self) -> Any: ...
+    def domain(self) -> Any:
+        """Low and high corner [m] of the domain."""
+
     @property
-    def settings(self) -> dict[str, Any]: ...
+    def settings(self) -> dict[str, Any]:
+        """Settings that decide the outcome of a run, for its checkpoint."""
+
     @property
-    def assumptions(self) -> dict[str, str]: ...
-    def need_bearable(self, fastest: float, *, falls_freely: bool) -> None: ...
-    def form(self, bulk: Any, logbook: Any, course: Course, progress: Progress) -> None: ...
-    def warnings(self, course: Course, staying: Array) -> list[str]: ...
+    def assumptions(self) -> dict[str, str]:
+        """What the rig's description leaves open, in words by name."""
+
+    def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
+        """Refuse beads or walls that would move too fast for the time step.
+
+        Parameters
+        ----------
+        fastest : float
+            Largest speed [m/s] that the time step allows.
+        falls_freely : bool
+            Whether gravity alone acts on falling beads.
+
+        Raises
+        ------
+        BadInput
+            If something would move faster.
+        """
+
+    def form(self, bulk: Any, logbook: Any, course: Course, progress: Progress) -> None:
+        """Form the heap.
+
+        Parameters
+        ----------
+        bulk, logbook, course : Bulk, Logbook, Course
+            Simulation, its log, and the state of the run.
+        progress : Progress
+            Callback for the progress display.
+        """
+
+    def warnings(self, course: Course, staying: Array) -> list[str]:
+        """Warn about what limits the result.
+
+        Parameters
+        ----------
+        course : Course
+            State of the run at its end.
+        staying : Array, shape (n, 3)
+            Centres [m] of the particles that stay on the base.
+
+        Returns
+        -------
+        list of str
+            The warnings.
+        """
 
 
 def method_of(
     rig: Pile, particle: Particle, count: int, rate: float | None, fall_height: float | None, fill_limit: float
 ) -> Method:
-    """The way of `rig.variant` of making a heap; the other settings are those of `run`."""
+    """Return the way of `rig.variant` of making a heap.
+
+    Parameters
+    ----------
+    rig, particle, count : Pile, Particle, int
+        As for `run`.
+    rate : float or None
+        Piling: `pour_rate` of `run` [1/s].
+    fall_height : float or None
+        Piling: as for `run` [m].
+    fill_limit : float
+        Pouring, emptying: as for `run` [s].
+
+    Returns
+    -------
+    Method
+        Walls, domain and course of the test.
+
+    Raises
+    ------
+    BadInput
+        If there is no such variant, or a setting is out of its range.
+    """
     match rig.variant:
         case "piling":
             return piling(rig, particle, count, rate, fall_height)
@@ -285,9 +354,25 @@ def _profiles(rig: Pile, particle: Particle, method: Method, centres: Array, rad
 
 
 def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) -> npt.NDArray[np.uint8]:
-    """RGB image of the heap on its base, seen from `turn` [deg] about z and `tilt` [deg] above the horizon.
+    """Draw the heap on its base.
 
     The near half of an emptied container is cut away to show the crater.
+
+    Parameters
+    ----------
+    rig : Pile
+        As for `run`.
+    heap : Heap
+        The heap.
+    turn : float
+        Direction of view [deg] about z.
+    tilt : float
+        Height of the view above the horizon [deg].
+
+    Returns
+    -------
+    Array, shape (height, width, 3)
+        RGB image.
     """
     from rigtwin.sim.output.picture import draw
     from rigtwin.sim.output.trajectory import triangles
@@ -303,7 +388,18 @@ def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) ->
 
 
 def check(rig: Pile, particle: Particle, *, count: int) -> None:
-    """Raise `BadInput` where `run` would refuse these settings, without simulating."""
+    """Refuse settings that `run` would refuse, without simulating.
+
+    Parameters
+    ----------
+    rig, particle, count : Pile, Particle, int
+        As for `run`.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     _check(rig, particle, count, settle_limit=1.0)
     method_of(rig, particle, count, None, None, fill_limit=1.0)
 

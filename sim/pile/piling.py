@@ -46,10 +46,12 @@ class Piling:
 
     @property
     def shapes(self) -> list[Shape]:
+        """Base and rim."""
         return bowl(self.rig)
 
     @property
     def domain(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Low and high corner [m] of the domain."""
         outlet, diameter = self.outlet, self.particle.diameter
         side = self.rig.base_diameter / 2 + 4 * diameter
         # a heap steeper than 45 degrees is not expected; the outlet stops rising there
@@ -59,10 +61,12 @@ class Piling:
 
     @property
     def settings(self) -> dict[str, Any]:
+        """Outlet and fall height, which decide the outcome of a run."""
         return {"outlet": {**self.outlet.settings, "fall_height": self.fall_height}}
 
     @property
     def assumptions(self) -> dict[str, str]:
+        """What the rig's description leaves open, in words by name."""
         rig, outlet = self.rig, self.outlet
         given = (
             f"a quarter of the base, at least {NARROWEST} bead diameters" if rig.outlet_diameter is None else "as given"
@@ -79,7 +83,18 @@ class Piling:
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Refuse beads that would leave the outlet, or hit the base, faster than `fastest` [m/s]."""
+        """Refuse beads that would leave the outlet, or hit the base, too fast for the time step.
+
+        Parameters
+        ----------
+        fastest, falls_freely : float, bool
+            As for `rigtwin.sim.pile.pile.Method.need_bearable`.
+
+        Raises
+        ------
+        BadInput
+            If they would.
+        """
         outlet = self.outlet
         filling.need_bearable(outlet, fastest)
         if falls_freely:
@@ -87,7 +102,13 @@ class Piling:
             filling.need_bearable_fall(name, self.fall_height or outlet.height, outlet.speed, fastest)
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
-        """Insert the beads in the outlet until all are placed."""
+        """Insert the beads in the outlet until all are placed.
+
+        Parameters
+        ----------
+        bulk, logbook, course, progress : Bulk, Logbook, Course, Progress
+            As for `rigtwin.sim.pile.pile.Method.form`.
+        """
         clear = self.outlet.slab + 2 * self.particle.diameter
 
         def above() -> tuple[filling.Outlet, Array]:
@@ -102,6 +123,18 @@ class Piling:
         filling.rain(bulk, logbook, course, above, self.particle, self.count, progress)
 
     def warnings(self, course: Course, staying: Array) -> list[str]:
+        """Warn about beads without room, and about a base without a rim.
+
+        Parameters
+        ----------
+        course, staying : Course, Array
+            As for `rigtwin.sim.pile.pile.Method.warnings`.
+
+        Returns
+        -------
+        list of str
+            The warnings.
+        """
         found = []
         if course.placed < self.count:
             found.append(f"only {course.placed} of {self.count} beads found room below the outlet")
@@ -114,7 +147,27 @@ class Piling:
 
 
 def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_height: float | None) -> Piling:
-    """The funnel over the bowl; `rate` [1/s] and `fall_height` [m] as in `rigtwin.sim.pile.pile.run`."""
+    """Return the funnel over the bowl.
+
+    Parameters
+    ----------
+    rig, particle, count : Pile, Particle, int
+        As for `rigtwin.sim.pile.pile.run`.
+    rate : float or None
+        `pour_rate` of that function [1/s].
+    fall_height : float or None
+        As for that function [m].
+
+    Returns
+    -------
+    Piling
+        Bowl and funnel.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     bead = particle.diameter
     diameter = outlet_diameter(rig.base_diameter, bead) if rig.outlet_diameter is None else rig.outlet_diameter
     if diameter < 2 * bead:
@@ -156,12 +209,36 @@ def piling(rig: Pile, particle: Particle, count: int, rate: float | None, fall_h
 
 
 def outlet_diameter(base_diameter: float, bead: float) -> float:
-    """Default diameter of the outlet over a base [m]."""
+    """Return the default diameter of the outlet.
+
+    Parameters
+    ----------
+    base_diameter : float
+        Diameter of the base [m].
+    bead : float
+        Diameter of the beads [m].
+
+    Returns
+    -------
+    float
+        A quarter of the base, at least three bead diameters [m].
+    """
     return max(base_diameter / 4, NARROWEST * bead)
 
 
 def bowl(rig: Pile) -> list[Shape]:
-    """Walls of the base and of its rim, if there is one."""
+    """Return the walls of the base and of its rim, if there is one.
+
+    Parameters
+    ----------
+    rig : Pile
+        Its base diameter and rim height are used.
+
+    Returns
+    -------
+    list of Shape
+        The base first.
+    """
     from rigtwin.sim.engine.walls.shapes import Cylinder, Disc
 
     up = (0.0, 0.0, 1.0)

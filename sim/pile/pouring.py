@@ -49,21 +49,25 @@ class Pouring:
 
     @property
     def shapes(self) -> list[Shape]:
+        """Base and rim, and the tube as the last wall."""
         from rigtwin.sim.engine.walls.shapes import Cylinder
 
         return [*bowl(self.rig), Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), self.tube_diameter / 2, self.tube_height)]
 
     @property
     def domain(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Low and high corner [m] of the domain."""
         side = self.rig.base_diameter / 2 + 4 * self.particle.diameter
         return (-side, -side, -2 * self.particle.diameter), (side, side, self.tube_height + 2 * self.particle.diameter)
 
     @property
     def settings(self) -> dict[str, Any]:
+        """Longest wait [s] for the filling, which decides the outcome of a run."""
         return {"fill_limit": self.fill_limit}
 
     @property
     def assumptions(self) -> dict[str, str]:
+        """What the rig's description leaves open, in words by name."""
         rig = self.rig
         tube = "half the base: not stated" if rig.tube_diameter is None else "as given"
         return {
@@ -75,7 +79,18 @@ class Pouring:
         }
 
     def need_bearable(self, fastest: float, *, falls_freely: bool) -> None:
-        """Refuse a tube that is lifted faster than `fastest` [m/s]; the beads themselves fall only a short way."""
+        """Refuse a tube that is lifted too fast for the time step; the beads themselves fall only a short way.
+
+        Parameters
+        ----------
+        fastest, falls_freely : float, bool
+            As for `rigtwin.sim.pile.pile.Method.need_bearable`.
+
+        Raises
+        ------
+        BadInput
+            If it is.
+        """
         if self.lift_speed >= fastest:
             raise BadInput(
                 f"lift_speed: the tube is lifted at {self.lift_speed:.3g} m/s, but the time step allows at most "
@@ -83,7 +98,13 @@ class Pouring:
             )
 
     def form(self, bulk: Bulk, logbook: Logbook, course: Course, progress: Progress) -> None:
-        """Fill the tube and lift it until it is above all beads."""
+        """Fill the tube and lift it until it is above all beads.
+
+        Parameters
+        ----------
+        bulk, logbook, course, progress : Bulk, Logbook, Course, Progress
+            As for `rigtwin.sim.pile.pile.Method.form`.
+        """
         from rigtwin.sim.engine.walls.shapes import Motion
 
         tube = len(bulk.shapes) - 1
@@ -106,10 +127,35 @@ class Pouring:
         bulk.remove_wall(tube)
 
     def bed_height(self, centres: Array, radii: Array) -> float:
-        """Mean height [m] of the surface of the bed in the tube."""
+        """Return the mean height of the surface of the bed in the tube.
+
+        Parameters
+        ----------
+        centres : Array, shape (n, 3)
+            Centres of the spheres [m].
+        radii : Array, shape (n,)
+            Their radii [m].
+
+        Returns
+        -------
+        float
+            Height above the base [m].
+        """
         return float(surface(centres, radii, self.tube_diameter).mean())
 
     def warnings(self, course: Course, staying: Array) -> list[str]:
+        """Warn about a filling that still moved, and about an empty base.
+
+        Parameters
+        ----------
+        course, staying : Course, Array
+            As for `rigtwin.sim.pile.pile.Method.warnings`.
+
+        Returns
+        -------
+        list of str
+            The warnings.
+        """
         found = []
         if not course.in_time:
             found.append("the filling was still moving when the tube was lifted; raise --fill-limit")
@@ -119,7 +165,25 @@ class Pouring:
 
 
 def pouring(rig: Pile, particle: Particle, count: int, fill_limit: float) -> Pouring:
-    """The tube on the base."""
+    """Return the tube on the base.
+
+    Parameters
+    ----------
+    rig, particle, count : Pile, Particle, int
+        As for `rigtwin.sim.pile.pile.run`.
+    fill_limit : float
+        Longest wait [s] until the filling rests.
+
+    Returns
+    -------
+    Pouring
+        Base and tube.
+
+    Raises
+    ------
+    BadInput
+        If a setting is out of its range; the message names it.
+    """
     tube = rig.base_diameter / 2 if rig.tube_diameter is None else rig.tube_diameter
     speed = LIFT_SPEED if rig.lift_speed is None else rig.lift_speed
     positive(tube_diameter=tube, lift_speed=speed, fill_limit=fill_limit)

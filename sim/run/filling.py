@@ -77,7 +77,20 @@ class Outlet:
         return {name: value for name, value in asdict(self).items() if name != "rate_from"}
 
     def draw(self, diameter: float, rng: np.random.Generator) -> Array:
-        """A random place [m] in the layer above the opening for a particle of this `diameter` [m]."""
+        """Draw a random place in the layer above the opening.
+
+        Parameters
+        ----------
+        diameter : float
+            Diameter of the particle [m].
+        rng : numpy.random.Generator
+            Source of the numbers.
+
+        Returns
+        -------
+        Array, shape (3,)
+            The place [m].
+        """
         reach = (self.diameter - diameter) / 2
         distance, angle = reach * math.sqrt(rng.random()), rng.uniform(0, 2 * math.pi)
         height = self.height + (self.slab + diameter) * rng.random()
@@ -88,19 +101,61 @@ class Source(Protocol):
     """Where particles are poured: an outlet, or a region."""
 
     @property
-    def height(self) -> float: ...  # [m], of its lowest place
+    def height(self) -> float:
+        """Height [m] of its lowest place."""
+
     @property
-    def rate(self) -> float: ...  # [1/s]
+    def rate(self) -> float:
+        """Particles per second [1/s]."""
+
     @property
-    def speed(self) -> float: ...  # [m/s], downwards
+    def speed(self) -> float:
+        """Initial speed [m/s], downwards."""
 
     def draw(self, diameter: float, rng: np.random.Generator) -> Array | None:
-        """A random place [m] for a particle of this `diameter` [m]; None where it would touch a wall."""
+        """Draw a random place for a particle.
+
+        Parameters
+        ----------
+        diameter : float
+            Diameter of the particle [m].
+        rng : numpy.random.Generator
+            Source of the numbers.
+
+        Returns
+        -------
+        Array, shape (3,), or None
+            The place [m]; None where the particle would touch a wall.
+        """
         ...
 
 
 def outlet(particle: Particle, diameter: float, height: float, rate: float | None, least: float) -> Outlet:
-    """Outlet of a hopper; default `rate` [1/s]: Beverloo's law, but at least `least`."""
+    """Return the outlet of a hopper.
+
+    Parameters
+    ----------
+    particle : Particle
+        Sphere or clump.
+    diameter : float
+        Diameter of the outlet [m].
+    height : float
+        Its height z [m].
+    rate : float or None
+        Particles per second [1/s]; None: by Beverloo's law, but at least `least`.
+    least : float
+        Smallest default rate [1/s].
+
+    Returns
+    -------
+    Outlet
+        The outlet.  Particles leave it at the speed of a free discharge, or faster where they would overlap.
+
+    Raises
+    ------
+    BadInput
+        If the outlet is narrower than two particles, or the rate is not positive.
+    """
     if diameter < 2 * particle.diameter:
         raise BadInput(
             f"outlet_diameter: {diameter * 1e3:.3g} mm lets no particles of {particle.diameter * 1e3:.3g} mm through; "
@@ -122,7 +177,20 @@ def outlet(particle: Particle, diameter: float, height: float, rate: float | Non
 
 
 def need_end(outlet: Outlet, count: int) -> None:
-    """Refuse an outlet through which `count` particles take more than `LONGEST_POUR`."""
+    """Refuse an outlet through which the particles take more than `LONGEST_POUR`.
+
+    Parameters
+    ----------
+    outlet : Outlet
+        The outlet.
+    count : int
+        Number of particles.
+
+    Raises
+    ------
+    BadInput
+        If they do.
+    """
     if count / outlet.rate <= LONGEST_POUR:
         return
     named, advice = "count", "give fewer or a wider outlet"
@@ -132,7 +200,20 @@ def need_end(outlet: Outlet, count: int) -> None:
 
 
 def need_bearable(outlet: Outlet, fastest: float) -> None:
-    """Refuse an outlet that particles leave at `fastest` [m/s] or more, too fast for the time step."""
+    """Refuse an outlet that particles leave too fast for the time step.
+
+    Parameters
+    ----------
+    outlet : Outlet
+        The outlet.
+    fastest : float
+        Largest speed [m/s] that the time step allows.
+
+    Raises
+    ------
+    BadInput
+        If its speed is not below `fastest`.
+    """
     if outlet.speed < fastest:
         return
     advice = "give a narrower outlet or a larger --stiffness-factor"
@@ -148,7 +229,24 @@ def need_bearable(outlet: Outlet, fastest: float) -> None:
 
 
 def need_bearable_fall(name: str, fall: float, speed: float, fastest: float) -> None:
-    """Refuse the setting `name` if particles released at `speed` [m/s] land too fast after a `fall` [m]."""
+    """Refuse a height from which particles land too fast for the time step.
+
+    Parameters
+    ----------
+    name : str
+        Setting that the message names.
+    fall : float
+        Height of the fall [m].
+    speed : float
+        Speed [m/s] at its start.
+    fastest : float
+        Largest speed [m/s] that the time step allows.
+
+    Raises
+    ------
+    BadInput
+        If they do not land more slowly than `fastest`.
+    """
     lands = math.sqrt(speed**2 + 2 * GRAVITY * fall)
     if lands >= fastest:
         raise BadInput(
@@ -158,16 +256,47 @@ def need_bearable_fall(name: str, fall: float, speed: float, fastest: float) -> 
 
 
 def arch_in_words(who: str, width: float, particle: Particle) -> str:
-    """Warning text for particles that block the outlet of a hopper, `width` [m] wide."""
+    """Return the warning text for particles that block the outlet of a hopper.
+
+    Parameters
+    ----------
+    who : str
+        The particles, in words.
+    width : float
+        Width of the outlet [m].
+    particle : Particle
+        Its diameter is used.
+
+    Returns
+    -------
+    str
+        A clause, without a full stop.
+    """
     diameters = width / particle.diameter
     return f"{who} arch over the outlet, which is {width * 1e3:.3g} mm or {diameters:.2g} of their diameters wide"
 
 
 def beverloo(particle: Particle, outlet: float, grain: float) -> float:
-    """Particles per second through a round outlet of diameter `outlet` [m], by Beverloo's law.
+    """Return the discharge through a round outlet by Beverloo's law.
 
-    Mass flow 0.58 rho_b sqrt(g) (D - 1.4 d)^2.5 with d = `grain` [m] and the bulk density rho_b = `PACKING` times the
-    density of the particle; of sizes that differ `grain` is the typical one, and the mass of one the mean.
+    Parameters
+    ----------
+    particle : Particle
+        Its density and its mean mass are used.
+    outlet : float
+        Diameter D of the outlet [m].
+    grain : float
+        Diameter d of a particle [m]; of sizes that differ the typical one.
+
+    Returns
+    -------
+    float
+        Particles per second [1/s].
+
+    Notes
+    -----
+    The mass flow is 0.58 rho_b sqrt(g) (D - 1.4 d)^2.5 with the bulk density rho_b = `PACKING` times the density of the
+    particle.
     """
     flow: float = 0.58 * PACKING * particle.effective_density * math.sqrt(GRAVITY) * (outlet - 1.4 * grain) ** 2.5
     return flow / particle.mean_mass
@@ -187,7 +316,13 @@ class Filling:
         return dict(vars(self))
 
     def go_on(self, kept: dict[str, Any]) -> None:
-        """Restore a state from `kept`."""
+        """Restore a state.
+
+        Parameters
+        ----------
+        kept : dict
+            A state that `kept` returned.
+        """
         vars(self).update(kept)
 
 
@@ -201,18 +336,43 @@ class Course(Filling):
     size_seed: int | None = None  # from which the sizes of all particles are drawn, where they differ
 
     def kept(self) -> dict[str, Any]:
+        """The state as JSON data, with that of the random numbers."""
         return {**super().kept(), "random": self.random.bit_generator.state}
 
     def go_on(self, kept: dict[str, Any]) -> None:
+        """Restore a state.
+
+        Parameters
+        ----------
+        kept : dict
+            A state that `kept` returned.
+
+        Raises
+        ------
+        BadInput
+            If it lacks the state of the random numbers, as those of earlier versions do.
+        """
         if "random" not in kept:
             raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
         self.random.bit_generator.state = kept["random"]
         super().go_on({name: value for name, value in kept.items() if name != "random"})
 
     def sizes(self, count: int, particle: Particle) -> Array | None:
-        """Sizes of all `count` particles over the largest, in the order in which they are placed; None if all alike.
+        """Draw the sizes of all particles at once, the same ones in each call.
 
-        Drawn at once: if a size were drawn for each new place, large particles would find room more rarely.
+        If a size were drawn for each new place, large particles would find room more rarely.
+
+        Parameters
+        ----------
+        count : int
+            Number of particles.
+        particle : Particle
+            With its distribution of sizes, if it has one.
+
+        Returns
+        -------
+        Array, shape (count,), or None
+            Size over the largest [1], in the order in which they are placed; None if all are alike.
         """
         if particle.sizes is None:
             return None
@@ -230,9 +390,20 @@ def rain(
     count: int,
     progress: Progress,
 ) -> None:
-    """Pour particles until `count` are placed or no more find room; clumps get random orientations.
+    """Pour particles until all are placed or no more find room; clumps get random orientations.
 
-    `above` returns the outlet at its present height, and the centres [m], shape (n, 3), that new particles avoid.
+    Parameters
+    ----------
+    bulk, logbook, course : Bulk, Logbook, Course
+        Simulation, its log, and the state of the filling.
+    above : callable
+        Returns the outlet at its present height, and the centres [m], shape (n, 3), that new particles avoid.
+    particle : Particle
+        Sphere or clump.
+    count : int
+        Number of particles.
+    progress : Progress
+        Callback for the progress display.
     """
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count and course.patience < PATIENCE:
@@ -244,7 +415,21 @@ def rain(
 
 
 def pour(bulk: Bulk, course: Course, source: Source, occupied: Array, particle: Particle, count: int) -> None:
-    """Add the particles of `count` that are due in the interval from now on, clear of centres `occupied` [m]."""
+    """Add the particles that are due in the interval from now on.
+
+    Parameters
+    ----------
+    bulk, course : Bulk, Course
+        Simulation, and the state of the filling.
+    source : Source
+        Where they are poured.
+    occupied : Array, shape (n, 3)
+        Centres [m] of which new particles keep clear; of sizes that differ, those in `bulk` are taken instead.
+    particle : Particle
+        Sphere or clump.
+    count : int
+        Number of particles in the whole.
+    """
     sizes = course.sizes(count, particle)
     due = due_at(source, bulk.time, count) - course.placed
     wide = np.full(max(due, 0), particle.diameter)
@@ -262,7 +447,22 @@ def pour(bulk: Bulk, course: Course, source: Source, occupied: Array, particle: 
 
 
 def due_at(source: Source, time: float, count: int) -> int:
-    """Number of the `count` particles that the outlet has poured at the end of the interval from `time` [s]."""
+    """Return how many particles have been poured at the end of the interval that begins now.
+
+    Parameters
+    ----------
+    source : Source
+        Its rate is used.
+    time : float
+        The time now [s].
+    count : int
+        Number of particles in the whole.
+
+    Returns
+    -------
+    int
+        At most `count`.
+    """
     return min(count, math.ceil(source.rate * (time + LOOK)))
 
 
@@ -275,10 +475,28 @@ def places(
     *,
     in_shade: bool = True,
 ) -> Array:
-    """Positions [m] in the layer above the outlet for the first of particles of these `diameters` [m].
+    """Find places for new particles, clear of each other and of all others.
 
-    They are clear of each other and of all particles at `occupied`, which have `radii`; without `in_shade` also of the
-    way down of these, which fall faster than a new particle.
+    Parameters
+    ----------
+    occupied : Array, shape (n, 3)
+        Centres of the others [m].
+    radii : Array, shape (n,)
+        Their radii [m].
+    source : Source
+        Where the new ones are placed.
+    diameters : Array, shape (k,)
+        Diameters of the new ones [m], in the order in which they are placed.
+    rng : numpy.random.Generator
+        Source of the numbers.
+    in_shade : bool
+        Whether a new particle may be below another one; if not, the way down of the others is kept clear, as they
+        fall faster than a new particle.
+
+    Returns
+    -------
+    Array, shape (m, 3)
+        Places [m] of the first m of the k new ones, in their order.
     """
     due = len(diameters)
     near = occupied[:, 2] > source.height - CLEAR * max(diameters.max(initial=0.0), 2 * radii.max(initial=0.0))
@@ -303,9 +521,29 @@ def places(
 def scatter(
     bulk: Bulk, count: int, inside: Inside, box: tuple[Array, Array], particle: Particle, random: np.random.Generator
 ) -> None:
-    """Add `count` particles to a simulation, in the container, which lies in the `box` [m].
+    """Add particles to a simulation, in a container.
 
     They are placed on the loosest lattice that fits, filled from below, with a random shift from each site.
+
+    Parameters
+    ----------
+    bulk : Bulk
+        The simulation.
+    count : int
+        Number of particles.
+    inside : Inside
+        Test for points in the container.
+    box : tuple of Array
+        Low and high corner [m] of a box around it.
+    particle : Particle
+        Sphere or clump; clumps get random orientations.
+    random : numpy.random.Generator
+        Source of the numbers.
+
+    Raises
+    ------
+    BadInput
+        If they do not fit in.
     """
     places, velocities, sizes = scattered(count, inside, box, particle, random)
     bulk.add(places, velocities, turn=turns_of(len(places), particle, random), scale=sizes)
@@ -321,11 +559,32 @@ def scattered(
     thrown: float = THROWN,
     sizes: Array | None = None,
 ) -> tuple[Array, Array, Array | None]:
-    """Places [m] and velocities [m/s] of particles as `scatter` adds them, both of shape (count, 3), and their sizes.
+    """Return places, velocities and sizes of particles as `scatter` adds them.
 
-    Sizes are over the largest, None where all are alike.  `said` is the setting that determines `count`, for the error
-    message; `thrown` [m/s] the standard deviation of each component of the velocity.  `sizes`, where they are drawn
-    already, take the place of new ones.
+    Parameters
+    ----------
+    count, inside, box, particle, random : int, Inside, tuple of Array, Particle, numpy.random.Generator
+        As for `scatter`.
+    said : str
+        Setting that determines `count`, for the error message.
+    thrown : float
+        Standard deviation [m/s] of each component of the velocity.
+    sizes : Array, shape (count,), optional
+        Sizes over the largest [1].  Default: drawn here.
+
+    Returns
+    -------
+    places : Array, shape (count, 3)
+        Centres [m].
+    velocities : Array, shape (count, 3)
+        Velocities [m/s].
+    sizes : Array, shape (count,), or None
+        Sizes over the largest [1]; None where all are alike.
+
+    Raises
+    ------
+    BadInput
+        If they do not fit in.
     """
     sizes = _sizes(count, particle, random) if sizes is None else sizes
     sites, shift = _sites_of(count, inside, box, particle, sizes)
@@ -345,9 +604,25 @@ def scatter_in_turns(
     progress: Progress,
     said: str = "count",
 ) -> None:
-    """As `scatter`, but particles without room wait until earlier ones have fallen: clumps pack denser than lattices.
+    """Add particles as `scatter` does; those without room wait until earlier ones have fallen.
 
-    `said` is the setting that determines `count`, for the error message.
+    Clumps pack denser than lattices.
+
+    Parameters
+    ----------
+    bulk, logbook, course : Bulk, Logbook, Course
+        Simulation, its log, and the state of the filling.
+    count, inside, box, particle : int, Inside, tuple of Array, Particle
+        As for `scatter`.
+    progress : Progress
+        Callback for the progress display.
+    said : str
+        Setting that determines `count`, for the error message.
+
+    Raises
+    ------
+    BadInput
+        If no more find room.
     """
     steps = max(1, round(LOOK / bulk.time_step))
     while course.placed < count:
@@ -369,7 +644,17 @@ def scatter_some(
     particle: Particle,
     thrown: float = THROWN,
 ) -> None:
-    """Add those of `count` particles for which there is room now; the arguments are those of `scatter_in_turns`."""
+    """Add those particles for which there is room now.
+
+    Parameters
+    ----------
+    bulk, course : Bulk, Course
+        Simulation, and the state of the filling.
+    count, inside, box, particle : int, Inside, tuple of Array, Particle
+        As for `scatter`; `count` is that of the whole.
+    thrown : float
+        Standard deviation [m/s] of each component of the velocity.
+    """
     sizes = course.sizes(count, particle)
     taken = bulk.grains().position
     phase = course.random.random(3) if len(taken) else MIDDLE
@@ -479,7 +764,18 @@ def _shaken(sites: Array, shift: Array, random: np.random.Generator, thrown: flo
 
 
 def turns_of(count: int, particle: Particle, random: np.random.Generator) -> Array | None:
-    """Random orientations of clumps, quaternions of shape (count, 4)."""
+    """Draw random orientations of clumps.
+
+    Parameters
+    ----------
+    count, particle, random : int, Particle, numpy.random.Generator
+        As for `scatter`.
+
+    Returns
+    -------
+    Array, shape (count, 4), or None
+        Quaternions, not normalised; None for a sphere.
+    """
     return None if particle.shape is None else random.normal(size=(count, 4))
 
 
@@ -494,13 +790,41 @@ def _too_many(count: int, particle: Particle, room: int, said: str = "count") ->
 
 
 def loose_height(particle: Particle, count: int, diameter: float) -> float:
-    """Height [m] of a round container in which `count` particles find room on the loose lattice."""
+    """Return the height of a round container in which particles find room on the loose lattice.
+
+    Parameters
+    ----------
+    particle : Particle
+        Sphere or clump.
+    count : int
+        Number of particles.
+    diameter : float
+        Inner diameter of the container [m].
+
+    Returns
+    -------
+    float
+        Height [m].
+    """
     free = math.pi / 4 * (diameter - 0.5 * particle.diameter) ** 2  # a narrow container loses its edge
     return loose_room(particle, count) / free + 2 * particle.diameter
 
 
 def loose_room(particle: Particle, count: int) -> float:
-    """Volume [m^3] in which `count` particles find room on the loose lattice."""
+    """Return the volume in which particles find room on the loose lattice.
+
+    Parameters
+    ----------
+    particle : Particle
+        Sphere or clump.
+    count : int
+        Number of particles.
+
+    Returns
+    -------
+    float
+        Volume [m^3].
+    """
     # a particle takes up to five cubes of its diameter, or of the part of the lattice in which it fits
     cell = 1.0
     if (sizes := particle.sizes) is not None:
@@ -509,7 +833,22 @@ def loose_room(particle: Particle, count: int) -> float:
 
 
 def resting(grains: Grains, particle: Particle, still: Stillness = AT_REST) -> bool:
-    """Whether the particles are at rest."""
+    """Return whether particles are at rest.
+
+    Parameters
+    ----------
+    grains : Grains
+        The particles.
+    particle : Particle
+        Its mean mass and its typical radius scale the limit of the energy.
+    still : Stillness
+        Limits of energy and speed.
+
+    Returns
+    -------
+    bool
+        Whether the mean kinetic energy and the fastest speed are below the limits.
+    """
     mean = grains.kinetic_energy / max(len(grains.ident), 1)
     fastest = math.sqrt((grains.velocity**2).sum(1).max(initial=0.0))
     lifted = particle.mean_mass * GRAVITY * particle.typical.radius
@@ -527,7 +866,28 @@ def settle(
     still: Stillness = AT_REST,
     every: float = LOOK,
 ) -> bool:
-    """Run until all particles rest, with a check `every` [s]; False if they still move after `limit` [s]."""
+    """Run until all particles rest, or the limit is reached.
+
+    Parameters
+    ----------
+    bulk, logbook, course : Bulk, Logbook, Filling
+        Simulation, its log, and the state of the filling.
+    particle : Particle
+        Sphere or clump.
+    limit : float
+        Longest wait [s].
+    progress : Progress
+        Callback for the progress display.
+    still : Stillness
+        Limits below which particles count as at rest.
+    every : float
+        Interval of the checks [s].
+
+    Returns
+    -------
+    bool
+        Whether they were at rest in `REST_LOOKS` checks in a row.
+    """
     steps = max(1, round(every / bulk.time_step))
     if course.settling_until is None:
         course.settling_until = bulk.time + limit
@@ -549,13 +909,38 @@ def settle_and_let_go(
     *,
     every: float = LOOK,
 ) -> None:
-    """Wait until the filling is quiet enough for its release; record the time, and whether the limit was kept."""
+    """Wait until the filling is quiet enough for its release.
+
+    `course` records the time, and whether the limit was kept.
+
+    Parameters
+    ----------
+    bulk, logbook, course, particle, limit, progress : Bulk, Logbook, Filling, Particle, float, Progress
+        As for `settle`.
+    every : float
+        Interval of the checks [s].
+    """
     course.in_time = settle(bulk, logbook, course, particle, limit, progress, still=SETTLED, every=every)
     course.let_go, course.settling_until, course.quiet = bulk.time, None, 0
 
 
 def need_gap(name: str, gap: float, particle: Particle) -> None:
-    """Refuse the setting `name`, a `gap` [m] between two vertical walls, if it is too narrow for a particle."""
+    """Refuse a gap between two vertical walls that is too narrow for a particle.
+
+    Parameters
+    ----------
+    name : str
+        Setting that the message names.
+    gap : float
+        Width of the gap [m].
+    particle : Particle
+        Its diameter is used.
+
+    Raises
+    ------
+    BadInput
+        If the gap is narrower than 1.02 diameters.
+    """
     least = TIGHTEST * particle.diameter
     if gap < least:
         raise BadInput(
@@ -565,7 +950,18 @@ def need_gap(name: str, gap: float, particle: Particle) -> None:
 
 
 def in_tube(diameter: float) -> Inside:
-    """Test for points in a round tube on z = 0."""
+    """Return a test for points in a round tube on z = 0.
+
+    Parameters
+    ----------
+    diameter : float
+        Inner diameter [m].
+
+    Returns
+    -------
+    Inside
+        The test.
+    """
 
     def inside(points: Array, clear: float) -> npt.NDArray[np.bool_]:
         return np.asarray((diameter / 2 - np.hypot(points[:, 0], points[:, 1]) > clear) & (points[:, 2] > clear))
@@ -574,7 +970,22 @@ def in_tube(diameter: float) -> Inside:
 
 
 def funnel(outlet: float, diameter: float, height: float, top: float, bottom: float = 0.0) -> tuple[Shape, ...]:
-    """Walls of a cone as in `in_funnel` and of the tube above it up to z = `top` [m], the lid of the outlet first."""
+    """Return the walls of a cone and of the tube above it.
+
+    Parameters
+    ----------
+    outlet, diameter, height : float
+        As for `in_funnel` [m].
+    top : float
+        Height z [m] of the upper edge of the tube.
+    bottom : float
+        Height z [m] of the outlet.
+
+    Returns
+    -------
+    tuple of Shape
+        The lid of the outlet, the cone and the tube.
+    """
     from rigtwin.sim.engine.walls.shapes import Cone, Cylinder, Disc
 
     up, narrow, wide = (0.0, 0.0, 1.0), outlet / 2, diameter / 2
@@ -587,9 +998,23 @@ def funnel(outlet: float, diameter: float, height: float, top: float, bottom: fl
 
 
 def in_funnel(outlet: float, diameter: float, height: float, bottom: float = 0.0) -> Inside:
-    """Test for points in a cone of `height` [m] that widens from `outlet` to `diameter` [m], or in the tube above it.
+    """Return a test for points in a cone or in the tube above it.
 
-    The outlet is at z = `bottom` [m].
+    Parameters
+    ----------
+    outlet : float
+        Lower diameter of the cone [m].
+    diameter : float
+        Its upper diameter, that of the tube [m].
+    height : float
+        Height of the cone [m].
+    bottom : float
+        Height z [m] of the outlet.
+
+    Returns
+    -------
+    Inside
+        The test.
     """
     slope = (diameter - outlet) / 2 / height
 

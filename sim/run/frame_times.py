@@ -13,8 +13,27 @@ MOST_FRAMES = 1_000_000  # about an hour at 240 Hz; more is likely an error of t
 
 
 def frame_times(duration: float, frame_rate: float) -> npt.NDArray[np.float64]:
-    """Times [s] of the frames of `duration` [s] at `frame_rate` [1/s], from 0, at least two.
+    """Return the times of the frames of a record.
 
+    Parameters
+    ----------
+    duration : float
+        Length of the record [s].
+    frame_rate : float
+        Frames per second [1/s].
+
+    Returns
+    -------
+    Array, shape (n,)
+        Times [s] from 0, at least two.
+
+    Raises
+    ------
+    BadInput
+        If there are more than `MOST_FRAMES`.
+
+    Examples
+    --------
     >>> frame_times(0.02, 100.0)
     array([0.  , 0.01, 0.02])
     """

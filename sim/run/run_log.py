@@ -57,6 +57,28 @@ class History:
 class Logbook:
     """Runs a simulation and logs it; a context manager around the run.
 
+    Parameters
+    ----------
+    bulk : Bulk
+        The simulation.
+    settings : mapping
+        All that decides the outcome, as JSON data.
+    trajectory : Path, optional
+        File for the frames, and beside it one for the walls.
+    trajectory_interval : float
+        Simulated time [s] between two frames.
+    checkpoint : Path, optional
+        File for checkpoints; an existing one is resumed.
+    checkpoint_interval : float
+        Computing time [s] between two checkpoints.
+
+    Raises
+    ------
+    BadInput
+        If an interval is not positive (that of checkpoints may be zero).
+
+    Examples
+    --------
     ::
 
         with Logbook(bulk, settings, checkpoint=Path("heap.npz"), trajectory=Path("heap.gsd")) as logbook:
@@ -76,7 +98,6 @@ class Logbook:
         checkpoint: Path | None = None,
         checkpoint_interval: float,
     ) -> None:
-        """`settings` hold all that decides the outcome; intervals are in [s] of simulated and of computing time."""
         positive(trajectory_interval=trajectory_interval)
         if not checkpoint_interval >= 0:
             positive(checkpoint_interval=checkpoint_interval)
@@ -127,7 +148,18 @@ class Logbook:
         return course
 
     def run(self, steps: int) -> None:
-        """Make `steps` time steps and write the frames that fall due."""
+        """Make time steps and write the frames that fall due.
+
+        Parameters
+        ----------
+        steps : int
+            Number of steps.
+
+        Raises
+        ------
+        SimulationFailed
+            If the simulation breaks down; the message names the checkpoint that is kept, if there is one.
+        """
         if self._bulk.added != self._added:
             self._added = self._bulk.added
             self._supplied += self._bulk.budget().total - self._total
@@ -151,7 +183,13 @@ class Logbook:
         self._enter(self._bulk.budget())
 
     def look(self, course: Mapping[str, Any]) -> None:
-        """Write a checkpoint if one is due; `course` is the state of the run, as JSON data."""
+        """Write a checkpoint if one is due.
+
+        Parameters
+        ----------
+        course : mapping
+            State of the run, as JSON data.
+        """
         if self._checkpoint is not None:
             self._course = dict(course)
             if self._checkpoint.due:

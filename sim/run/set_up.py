@@ -71,18 +71,22 @@ class Bench:
 
     @property
     def stiffness_factor(self) -> float:
+        """Factor of Young's moduli [1]."""
         return self.numerics.get("stiffness_factor", 1e-3)
 
     @property
     def rolling(self) -> Rolling:
+        """Rolling resistance model."""
         return self.numerics.get("rolling", "type C")
 
     @property
     def contact_law(self) -> ContactLaw:
+        """Contact law."""
         return self.numerics.get("contact_law", "Hertz-Mindlin")
 
     @property
     def impact_speed(self) -> float:
+        """Speed [m/s] of the impact at which springs of the "linear" law are as stiff as Hertz's contacts."""
         from rigtwin.sim.engine.contact import IMPACT_SPEED
 
         return self.numerics.get("impact_speed", IMPACT_SPEED)
@@ -122,9 +126,25 @@ class Bench:
         open_domain: bool = True,
         static_friction: Mapping[int, float | None] | None = None,
     ) -> Bulk:
-        """Simulation without beads, in a `domain` [m] from its low to its high corner.
+        """Return a simulation without beads.
 
-        `static_friction` is that of single walls, by their number, where it is not that of `wall_contact`.
+        Parameters
+        ----------
+        shapes : sequence of Shape
+            The walls, all of the material of `wall`.
+        domain : tuple
+            Low and high corner [m].
+        skin : float, optional
+            Verlet skin.  Default: that of the engine.
+        open_domain : bool
+            Whether beads that leave the domain are removed; if not, they stop the run with an error.
+        static_friction : mapping of int to float, optional
+            Static friction [1] of single walls, by their number, where it is not that of `wall_contact`.
+
+        Returns
+        -------
+        Bulk
+            The simulation.
         """
         from rigtwin.sim.engine.walls.shapes import Wall
 
@@ -145,7 +165,20 @@ class Bench:
         skin: float | None = None,
         open_domain: bool = True,
     ) -> Bulk:
-        """As `bulk`, with walls whose materials (softened), contacts and motions differ."""
+        """Return a simulation without beads, with walls that differ.
+
+        Parameters
+        ----------
+        walls : sequence of Wall
+            The walls, each with its material (softened), contact and motion.
+        domain, skin, open_domain : tuple, float, bool
+            As for `bulk`.
+
+        Returns
+        -------
+        Bulk
+            The simulation.
+        """
         from rigtwin.sim.engine.bulk.bulk import SKIN, Bulk
 
         (x, y, z), (to_x, to_y, to_z) = ([float(c) for c in corner] for corner in domain)
@@ -167,7 +200,20 @@ class Bench:
         )
 
     def logbook(self, bulk: Bulk, **settings: Any) -> Logbook:
-        """Log that runs `bulk`; `settings` are the settings of the rig that decide the outcome."""
+        """Return a log that runs a simulation.
+
+        Parameters
+        ----------
+        bulk : Bulk
+            The simulation.
+        **settings : object
+            Settings of the rig that decide the outcome, as JSON data.
+
+        Returns
+        -------
+        Logbook
+            The log, with files as the numerical settings state.
+        """
         from rigtwin.sim.run.run_log import Logbook
 
         parts = ("rig", "particle", "wall", "contact", "wall_contact")
@@ -205,7 +251,18 @@ class Bench:
         }
 
     def warnings(self, bulk: Bulk, logbook: Logbook) -> tuple[str, ...]:
-        """Warnings about the numerical settings of a finished run."""
+        """Return warnings about the numerical settings of a finished run.
+
+        Parameters
+        ----------
+        bulk, logbook : Bulk, Logbook
+            The simulation and its log.
+
+        Returns
+        -------
+        tuple of str
+            The warnings.
+        """
         said = [*self.time_step()[1], *logbook.warnings, *([bulk.note] if bulk.note else [])]
         said += self._effects()[1]
         if bulk.largest_overlap > OVERLAP_LIMIT:
@@ -226,10 +283,22 @@ class Bench:
 
 
 def pressed(most: float, seen: Array) -> str:
-    """Warning about soft beads, from the largest overlaps [radii] of the whole run and at each check.
+    """Return the warning about soft beads.
 
     An impact lasts about 0.1 ms; its overlap changes the rebound but not the bed at rest.  An overlap that most checks
     show is not an impact but that of a bed that rests or flows.
+
+    Parameters
+    ----------
+    most : float
+        Largest overlap of the whole run [radii].
+    seen : Array, shape (n,)
+        Largest overlap at each check [radii].
+
+    Returns
+    -------
+    str
+        The warning.
     """
     lasting = float(max(np.median(seen), seen[-1]))
     if lasting > OVERLAP_LIMIT:

@@ -42,7 +42,27 @@ class Seen:
 
 
 def each(trials: Sequence[_Trial], kind: type[_Trial], prepare: Callable[[_Trial], _Ready]) -> Iterator[_Ready]:
-    """Prepare the trials, all of one `kind`; an error of one of many names the trial."""
+    """Prepare the trials one after the other.
+
+    Parameters
+    ----------
+    trials : sequence
+        The trials.
+    kind : type
+        The type that all of them must have.
+    prepare : callable
+        Takes a trial and returns what is simulated.
+
+    Yields
+    ------
+    object
+        What `prepare` returns.
+
+    Raises
+    ------
+    BadInput
+        If a trial is refused; of many the message names the trial.
+    """
     for k, trial in enumerate(trials):
         try:
             of_kind(trial, kind)
@@ -52,17 +72,54 @@ def each(trials: Sequence[_Trial], kind: type[_Trial], prepare: Callable[[_Trial
 
 
 def name(place: int, trials: Sequence[object]) -> str:
-    """Name of a trial in error messages; empty for a single one."""
+    """Return the name of a trial in error messages.
+
+    Parameters
+    ----------
+    place : int
+        Its number, from 0.
+    trials : sequence
+        All trials.
+
+    Returns
+    -------
+    str
+        Empty for a single one.
+    """
     return f"trials[{place}]" if len(trials) > 1 else ""
 
 
 def released(time: Array, frame_rate: float) -> Array:
-    """The times [s] since the release of those frames that come after it."""
+    """Return the times of the frames after the release.
+
+    Parameters
+    ----------
+    time : Array, shape (k,)
+        Times of all frames [s].
+    frame_rate : float
+        Frames per second [1/s].
+
+    Returns
+    -------
+    Array
+        Times since the release [s].
+    """
     return time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
 
 
 def numerics(active: Sequence[Active]) -> dict[str, str]:
-    """Numerical settings of `film` and the effects that act, in words, for the result."""
+    """Describe the numerical settings of `film`, and the effects that act.
+
+    Parameters
+    ----------
+    active : sequence of Active
+        The effects.
+
+    Returns
+    -------
+    dict of str to str
+        Settings in words, by name.
+    """
     from rigtwin.sim.engine.effect_terms import named_in
     from rigtwin.sim.engine.few.few_body import Case
 
@@ -75,7 +132,22 @@ def numerics(active: Sequence[Active]) -> dict[str, str]:
 
 
 def film(releases: Sequence[Release], *, threads: int | None = None, progress: Progress) -> list[Seen | RigtwinError]:
-    """Records of these releases, simulated in one launch; the step is halved until positions converge."""
+    """Simulate releases in one launch; the step is halved until positions converge.
+
+    Parameters
+    ----------
+    releases : sequence of Release
+        The bodies and the times of the frames.
+    threads : int, optional
+        Number of threads.  Default: all cores.
+    progress : Progress
+        Callback for the progress display.
+
+    Returns
+    -------
+    list of Seen or RigtwinError
+        The record of each release; for one that breaks down its error.
+    """
     from rigtwin.sim.engine.few.few_body import run_many_halved
 
     moving = [k for k, release in enumerate(releases) if len(release.case.times)]

@@ -65,18 +65,22 @@ class BulkDiagnosis:
 
     @property
     def verdict(self) -> str:
+        """ "none", "named", "indistinguishable", "unlisted" or "undecided"."""
         return self.naming.verdict
 
     @property
     def reason(self) -> str:
+        """Why this is the verdict, in words."""
         return self.naming.reason
 
     @property
     def where(self) -> tuple[Disagreement, ...]:
+        """Numbers in which measurement and baseline differ, the most different first."""
         return tuple(sorted(_differing(self.responses, self.naming.base), key=lambda one: -abs(one.z)))
 
     @property
     def where_in_words(self) -> str:
+        """The same in one sentence."""
         return where_in_words(self.where, numbers(self.responses))
 
     @property
@@ -241,7 +245,20 @@ def _differing(responses: Sequence[Response], base: BulkFit) -> Iterator[Disagre
 
 
 def where_in_words(found: Sequence[Disagreement], tested: int) -> str:
-    """Where measurement and baseline differ, in one sentence."""
+    """Return in one sentence where measurement and baseline differ.
+
+    Parameters
+    ----------
+    found : sequence of Disagreement
+        Numbers that differ, the most different first.
+    tested : int
+        How many numbers were compared.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
     if not found:
         return f"nowhere: none of {tested} numbers differs by more than {FAR:g} standard uncertainties"
     conditions = list(dict.fromkeys(one.experiment for one in found))
@@ -253,7 +270,18 @@ def where_in_words(found: Sequence[Disagreement], tested: int) -> str:
 
 
 def parameters_of(candidate: BulkCandidate) -> dict[str, dict[str, Any]]:
-    """Coefficients of a candidate's effects, in SI."""
+    """Return the coefficients of a candidate's effects.
+
+    Parameters
+    ----------
+    candidate : BulkCandidate
+        The candidate.
+
+    Returns
+    -------
+    dict of str to dict
+        By name ``value``, ``std`` and ``unit``, in SI.
+    """
     axes = {axis.name: axis for axis in candidate.fitted.axes}
     return {
         one.parameter if len(candidate.effects) == 1 else f"{one.name}.{one.parameter}": {
@@ -379,7 +407,18 @@ def _model(found: BulkDiagnosis) -> Model:
 
 
 def not_in_the_model(found: BulkDiagnosis) -> list[str]:
-    """One sentence for each effect that a model.toml does not hold."""
+    """Return one sentence for each effect that a model.toml does not hold.
+
+    Parameters
+    ----------
+    found : BulkDiagnosis
+        The diagnosis.
+
+    Returns
+    -------
+    list of str
+        The sentences.
+    """
     held = {"rolling_resistance", "sliding_friction", "wall_friction", "cohesion_sjkr", "particle_size"}
     return [
         f"{one.title}: is no part of a model; {one.parameter} = {found.shown.fitted.value(one.axis):.4g} (SI)"
