@@ -218,10 +218,10 @@ class PileEntry(ManyBodyEntry[PileSettings]):
         count = round(PACKING * fmean(volumes) / particle.mean_volume)
         said = f"{count} particles, by the volume of the heap"
         if max(reach for _, reach in seen) > rig.base_diameter / 2 - 2 * particle.diameter:
-            count *= ROLLED_OFF
-            said = f"{count} particles, twice the volume of a heap that reaches the edge of its base"
-            if count < PILE_COUNT:  # more than enough to cover it
-                return experiment, ""
+            twice = ROLLED_OFF * count
+            count = max(twice, PILE_COUNT)
+            more = "twice" if count == twice else f"more than twice ({twice})"
+            said = f"{count} particles, {more} the volume of the filmed heap, which reaches the edge of its base"
         try:
             self.check_count(experiment, count)
         except BadInput:

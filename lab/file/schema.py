@@ -1055,7 +1055,9 @@ class PileEntry(_ExperimentEntry):
         description="emptying: of the hole in the container's floor; needed there",
     )
     count: Count | None = Field(
-        default=None, description="particles poured; by default from the volume of the filmed heap, else 1000"
+        default=None,
+        description="particles poured; by default from the volume of the filmed heap, at least 1000 where it reaches "
+        "the edge of its base, and 1000 where nothing is filmed",
     )
 
     def faults(self) -> Iterable[tuple[str, str]]:
