@@ -36,6 +36,7 @@ from rigtwin.compare.twins.imported import imported_for
 from rigtwin.compare.twins.matched import (
     as_seen,
     checkpoints,
+    set_by_hand,
     twin_of,
 )
 from rigtwin.compare.twins.registry import entry_of
@@ -504,7 +505,7 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
         experiment.rig_name,
         measured.quantities,
         [quantity for twin in sound for quantity in over_views(twin.evaluation.quantities)],
-        set_from=sound[0].set_from if sound else {},
+        set_from=sound[0].set_from if sound else set_by_hand(experiment),
         run_name=entry.run_name,
         without_twin=without,
         assumed=entry.assumed(ran.filmed[experiment.id], count) if own else (),

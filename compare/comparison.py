@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.curve_overlays import Overlay
-from rigtwin.compare.deviation import MOMENTS, Deviation, counted, group, key_of, over_views
-from rigtwin.compare.measure_repetitions import Failure, Measured, rejections, replaces
+from rigtwin.compare.deviation import Deviation, counted
+from rigtwin.compare.measure_repetitions import Failure, Measured
 from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.formatting import reading, siblings, title
+from rigtwin.lab.formatting import reading
 from rigtwin.lab.quantity import Measurement
 
 if TYPE_CHECKING:
@@ -49,11 +49,7 @@ class Outcome:
         return (
             *((f"measured without a twin: {self.without_twin}",) if self.without_twin else ()),
             *_failed_runs(self),
-            *rejections(self.experiment),
-            *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
-            *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
-            *_left_out(self.measurements),
-            *_replaced(self.experiment, self.measurements),
+            *self.measured.warnings,
             *_against_stated(self.experiment, self.measurements),
             *(
                 f"twin: {warning}"
@@ -138,28 +134,6 @@ def _failed_runs(outcome: Outcome) -> Iterator[str]:
         yield f"the run of the twin with seed {seed} failed and is not compared: {why}"
 
 
-def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
-    """A warning for each doubtful repetition that is excluded from a mean, because there are sound ones."""
-    seen = [(item.source.name, one) for item in measurements for one in over_views(item.quantities)]
-    sound = {key for key, ones in group(one for _, one in seen).items() if not all(one.doubtful for one in ones)}
-    lacking: dict[tuple[str, str], list[str]] = {}
-    for source, one in seen:
-        if one.doubtful and key_of(one) in sound and one.quantity not in MOMENTS:
-            lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
-    for (source, reason), names in lacking.items():
-        yield f"{source} is doubtful and excluded from the mean of {', '.join(dict.fromkeys(names))}: {reason}"
-
-
-def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """A warning for each stated quantity that replaces what the repetitions give."""
-    for stated in experiment.measured:
-        same = [any(replaces(stated, one, experiment) for one in item.quantities) for item in measurements]
-        if number := sum(same):
-            what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
-            those = f"those of {number} repetitions are" if number > 1 else "that of a repetition is"
-            yield f"{what} ({stated.method}) is stated in lab.toml; {those} not used"
-
-
 def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
     """A warning for each repetition whose measured start, or another setting, differs from that in the lab file.
 
@@ -177,11 +151,3 @@ def _against_stated(experiment: Experiment, measurements: Sequence[Measurement])
                 f"{item.source.name}: the measured {found.quantity.replace('_', ' ')} is {was}, but the lab file "
                 f"states {should}; either an early part of the motion was missed, or clip, scale or setting are wrong"
             )
-
-
-def _with_source(item: Measurement, warning: str) -> str:
-    """The warning with the name of its file, unless it already names one of several views."""
-    views = {str(quantity.detail["view"]) for quantity in item.quantities if "view" in quantity.detail}
-    if any(warning.startswith(f"{view}: ") for view in views):
-        return warning
-    return f"{item.source.name}{' and its other views' if views else ''}: {warning}"

@@ -12,9 +12,9 @@ from rigtwin.compare import result_files
 from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
-from rigtwin.compare.measure_repetitions import Measured, folders, measuring, rejections
+from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import need_fitting_media
-from rigtwin.compare.twins.registry import entry_of
+from rigtwin.compare.twins.matched import set_by_hand
 from rigtwin.lab.file.lab_file import Lab, read_lab
 from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
@@ -54,7 +54,7 @@ class LabMeasurements:
                 one.experiment.rig_name,
                 one.quantities,
                 (),
-                set_from={name: "" for name in [entry_of(one.experiment).starts_from] if name},
+                set_from=set_by_hand(one.experiment),
                 without_twin="only measured",
                 scatter=partial(known_scatter, one.experiment),
             )
@@ -62,16 +62,8 @@ class LabMeasurements:
 
     @property
     def warnings(self) -> list[str]:
-        """Repetitions that are rejected or could not be measured, and warnings of the others."""
-        found = list(self.remarks)
-        for one in self.measured:
-            name = one.experiment.id
-            found += [f"{name}: {each}" for each in rejections(one.experiment)]
-            found += [
-                f"{name}: {failure.source.name} could not be measured: {failure.message}" for failure in one.failures
-            ]
-            found += [f"{name}: {item.source.name}: {each}" for item in one.measurements for each in item.warnings]
-        return found
+        """Remarks on the whole run, and the warnings of each experiment with its name."""
+        return [*self.remarks, *(f"{one.experiment.id}: {each}" for one in self.measured for each in one.warnings)]
 
     def to_frame(self) -> pd.DataFrame:
         """Return every quantity of every repetition as a table.

@@ -11,13 +11,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rigtwin.compare.deviation import key_of, over_views
+from rigtwin.compare.deviation import MOMENTS, group, key_of, over_views
 from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.result_files import observation, relative
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
+from rigtwin.lab.formatting import siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
@@ -71,6 +72,17 @@ class Measured:
         stated = self.experiment.measured
         found = (quantity for item in self.measurements for quantity in over_views(item.quantities))
         return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was rejected, failed, doubtful or replaced, and the warnings of each repetition with its file's name."""
+        return (
+            *rejections(self.experiment),
+            *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
+            *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
+            *_left_out(self.measurements),
+            *_replaced(self.experiment, self.measurements),
+        )
 
     def observations(self, lab: Lab) -> list[dict[str, Any]]:
         """Return rows of ``measurements.csv`` and ``observations.csv``: every quantity measured, then those stated.
@@ -335,3 +347,33 @@ def known(experiment: Experiment) -> dict[str, Any]:
         In SI units, by name.
     """
     return {"bead_diameter": experiment.particle.typical.diameter, **entry_of(experiment).known(experiment)}
+
+
+def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
+    """A warning for each doubtful repetition that is excluded from a mean, because there are sound ones."""
+    seen = [(item.source.name, one) for item in measurements for one in over_views(item.quantities)]
+    sound = {key for key, ones in group(one for _, one in seen).items() if not all(one.doubtful for one in ones)}
+    lacking: dict[tuple[str, str], list[str]] = {}
+    for source, one in seen:
+        if one.doubtful and key_of(one) in sound and one.quantity not in MOMENTS:
+            lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
+    for (source, reason), names in lacking.items():
+        yield f"{source} is doubtful and excluded from the mean of {', '.join(dict.fromkeys(names))}: {reason}"
+
+
+def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
+    """A warning for each stated quantity that replaces what the repetitions give."""
+    for stated in experiment.measured:
+        same = [any(replaces(stated, one, experiment) for one in item.quantities) for item in measurements]
+        if number := sum(same):
+            what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
+            those = f"those of {number} repetitions are" if number > 1 else "that of a repetition is"
+            yield f"{what} ({stated.method}) is stated in lab.toml; {those} not used"
+
+
+def _with_source(item: Measurement, warning: str) -> str:
+    """The warning with the name of its file, unless it already names one of several views."""
+    views = {str(quantity.detail["view"]) for quantity in item.quantities if "view" in quantity.detail}
+    if any(warning.startswith(f"{view}: ") for view in views):
+        return warning
+    return f"{item.source.name}{' and its other views' if views else ''}: {warning}"

@@ -44,6 +44,22 @@ def stated_start(experiment: Experiment) -> float | None:
     return entry_of(experiment).stated_start(experiment)
 
 
+def set_by_hand(experiment: Experiment) -> dict[str, str]:
+    """Return the quantity that the experimenter sets, so that its scatter is no property of the rig.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        The experiment.
+
+    Returns
+    -------
+    dict of str to str
+        As `Twin.set_from`, without a source, for an experiment that has no twin.
+    """
+    return {name: "" for name in [entry_of(experiment).starts_from] if name}
+
+
 def measured_start(experiment: Experiment, measurement: Measurement) -> Quantity | None:
     """Return the measured start of a twin.
 

@@ -41,15 +41,15 @@ repetitions = ["bed.csv"]
 """
 
 
-def falls(restitution):
-    """The track of a bead that falls from 0.3 m and bounces once."""
+def falls(restitution, clock=1.0):
+    """The track of a bead that falls from 0.3 m and bounces once, by a clock that runs `clock` times as fast."""
     rows, impact = ["time_s,x_m,y_m"], math.sqrt(2 * 0.3 / 9.81)
     for k in range(150):
         since = k / 240 - impact
         height = 0.3 - 9.81 * (k / 240) ** 2 / 2
         if since > 0:
             height = restitution * 9.81 * impact * since - 9.81 * since**2 / 2
-        rows.append(f"{k / 240:.6f},0,{height:.7f}")
+        rows.append(f"{clock * k / 240:.6f},0,{height:.7f}")
     return "\n".join(rows)
 
 
@@ -243,7 +243,7 @@ def test_a_repetition_that_cannot_be_measured_is_named_and_not_tried_again(lab, 
     (lab / "drops" / "r3.csv").write_text("time_s,x_m,y_m\n0,0,0.1\n0.01,0,0.1\n")
     assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "drop: r3.csv could not be measured: " in said
+    assert "drop: r3.csv was left out: " in said
     (mean,) = [row for row in measure_lab(lab, tmp_path / "out").means if (row.method, row.bounce) == ("velocity", 1)]
     assert (mean.measured, mean.measured_n) == (pytest.approx(1.63 / 3, abs=0.003), 3)
     measured.clear()
@@ -251,6 +251,27 @@ def test_a_repetition_that_cannot_be_measured_is_named_and_not_tried_again(lab, 
     assert measured == []
     drops, _ = json.loads(capsys.readouterr().out)["experiments"]
     assert [len(drops[what]) for what in ("measurements", "failures")] == [3, 1]
+
+
+def test_a_doubtful_repetition_that_no_mean_counts_is_named(lab, tmp_path, capsys):
+    (lab / "drops" / "r3.csv").write_text(falls(0.5, clock=0.8))
+    assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "drop: r3.csv is doubtful and excluded from the mean of" in said
+
+
+def test_a_mean_has_the_same_uncertainty_with_and_without_a_comparison(lab, tmp_path):
+    (lab / "lab.toml").write_text(LAB.replace('particle = "D6"', 'particle = "own"'))
+    with (lab / "lab.toml").open("a") as file:
+        file.write('[particles.own]\nmaterial = "wood_ash"\ndiameter = "6 mm"\ndensity = "568 kg/m^3"\n')
+    measured = measure_lab(lab, tmp_path / "measured").means
+    compared = rigtwin.open_lab(lab).compare(out=tmp_path / "compared").deviations
+    assert all("contact" in row.note for row in compared), "without a twin"
+
+    def uncertainties(rows):
+        return [(row.experiment, row.quantity, row.method, row.bounce, row.measured_std_uncertainty) for row in rows]
+
+    assert uncertainties(compared) == uncertainties(measured)
 
 
 def test_the_picture_that_a_kept_failure_names_is_there(lab, tmp_path, measured):
