@@ -120,7 +120,8 @@ def calibrate(
         If there is nothing to fit, a parameter that no experiment depends on, or too small a budget.
     """
     lab = read_lab(lab_folder, allow_outside=allow_outside)
-    _to_fit(lab, hold_out)  # before the media are measured
+    _, fitted = _to_fit(lab, hold_out)  # these two before the media are measured
+    _fitted_by(fit, fitted)
     with measuring(lab.experiments, out, workers) as pending:
         measured = pending.results(progress)
     options = {"count": count, "rolling": rolling}
@@ -269,13 +270,27 @@ def _parameters(
     measured: Mapping[str, Sequence[Quantity]],
     hold_out: Sequence[str],
 ) -> Iterator[Parameter]:
+    for text, takers in _fitted_by(fit, fitted).items():
+        name = _name(text)
+        known = _measured_value(of_contact(name), contact_pair(name, takers[0]), lab, measured, hold_out)
+        low, high, source = _range(text, name, takers[0], known)
+        mean, std = (known[0], known[1]) if known is not None else (None, None)
+        yield Parameter(name, low, high, mean, std, source if known is None else f"{source}, measured by {known[2]}")
+
+
+def _fitted_by(fit: Sequence[str] | None, fitted: Sequence[Experiment]) -> dict[str, list[Experiment]]:
+    """The experiments that depend on each parameter."""
     texts = fit or ("static_friction", "rolling_friction")
     need_different([_name(text) for text in texts], fitted, option="--fit")
+    found: dict[str, list[Experiment]] = {}
     for text in texts:
         name = _name(text)
-        takers = [one for one in fitted if applies(name, one)]
+        takers = found[text] = [one for one in fitted if applies(name, one)]
         if not takers:
-            known_names = dict.fromkeys(known for one in fitted for known in (*names(one), *of_pairs(one)))
+            of_contacts = (
+                known for one in fitted for known, (_, sides) in of_pairs(one).items() if sides in one.contacts
+            )
+            known_names = dict.fromkeys((*(known for one in fitted for known in names(one)), *of_contacts))
             raise BadInput(
                 f"--fit: no experiment that is fitted depends on {name!r}; {suggestion(name, known_names)}, and "
                 "parameters of effects."
@@ -284,10 +299,7 @@ def _parameters(
         if of_contact(name) in PARAMETERS and len(pairs) > 1:
             each = [f"{of_contact(name)}@{'-'.join(one)}" for one in pairs]
             raise BadInput(f"--fit: {name} would be one value of several contacts; name them: {', '.join(each)}.")
-        known = _measured_value(of_contact(name), contact_pair(name, takers[0]), lab, measured, hold_out)
-        low, high, source = _range(text, name, takers[0], known)
-        mean, std = (known[0], known[1]) if known is not None else (None, None)
-        yield Parameter(name, low, high, mean, std, source if known is None else f"{source}, measured by {known[2]}")
+    return found
 
 
 def _name(text: str) -> str:

@@ -318,6 +318,16 @@ def test_a_measured_coefficient_that_a_measured_height_contradicts_is_named(tmp_
     assert found["chi_square"] == pytest.approx(squares, rel=0.2)
 
 
+def test_a_parameter_that_nothing_has_is_refused_before_anything_is_measured(tmp_path, capsys):
+    (tmp_path / "lab.toml").write_text(ONE_RIG, encoding="utf-8")
+    out = tmp_path / "out"
+    assert run(["calibrate", str(tmp_path), "--fit", "sliding_friction", "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert "no experiment that is fitted depends on 'sliding_friction'; did you mean" in said
+    assert ("static_friction@D6-PMMA" in said) != ("static_friction@PMMA-D6" in said), "each contact once"
+    assert not out.exists()
+
+
 @pytest.mark.usefixtures("in_this_process")
 def test_an_interrupted_calibration_says_what_is_kept(tmp_path, capsys, monkeypatch):
     def stopped(*_, **__):
