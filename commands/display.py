@@ -205,7 +205,9 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
 
 def _tell_rest(console: Console, rest: Sequence[Deviation], place: str) -> None:
     if rest:
-        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in {place}")
+        off = sum(row.verdict.startswith("twin ") for row in rest)
+        some = f", {off} of them with a twin too high or too low (some only probably)," if off else ""
+        console.print(f"{len(rest)} more (later bounces, single sides, other methods){some} in {place}")
 
 
 def _tell_doubtful(console: Console, rows: Sequence[Deviation]) -> None:

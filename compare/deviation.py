@@ -439,7 +439,9 @@ def deviations(
         about += [f"the twin assumes {', '.join(assumed)}"] if assumed and other is not None else []
         one = replace(one, note="; ".join(filter(None, (one.note, *about))))
         if other is not None and other != key:
-            one = replace(one, note="; ".join(filter(None, (one.note, f"the twin's method: {other[1]}"))))
+            one = replace(
+                one, note="; ".join(filter(None, (one.note, f"the twin's value is by another method: {other[1]}")))
+            )
         found.append(one)
     return tuple(found)
 

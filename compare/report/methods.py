@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.chosen import known_scatter
-from rigtwin.compare.deviation import SURE, UNINFORMATIVE, headlines
+from rigtwin.compare.deviation import SURE, UNINFORMATIVE, Deviation, headlines
 from rigtwin.compare.report.methods_text import Methods, effect_sentence, listed, software, were
 from rigtwin.compare.twins.many_body import NUMERICS
 from rigtwin.compare.twins.registry import entry_of
@@ -196,7 +196,7 @@ def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
     rows = headlines(comparison.deviations)
     results: dict[str, list[str]] = {}
     for row in rows:
-        results.setdefault(title(row.quantity).lower(), []).append(row.method)
+        results.setdefault(_of_rig(row), []).append(row.method)
     named = "; ".join(f"{name} ({', '.join(dict.fromkeys(ways))})" for name, ways in results.items())
     parts = sorted({name for row in comparison.deviations for name in row.budget})
     text = [
@@ -206,7 +206,7 @@ def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
         else "",
         f"Main results and their methods: {named}." if named else "",
         "Each value has a standard uncertainty with a budget of named parts [@jcgm100]"
-        + (f"; here: {', '.join(part.replace('_', ' ') for part in parts)}." if parts else "."),
+        + (f"; here: {'; '.join(part.replace('_', ' ') for part in parts)}." if parts else "."),
         "Every ± is one standard uncertainty. The variance of a mean of n repetitions is max(s, u)²/n plus the squares "
         "of the parts that all repetitions share, such as the scale, with the sample standard deviation s of the "
         "repetitions and the root mean square u of their own random parts. Values that failed a check are doubtful and "
@@ -214,6 +214,11 @@ def _measurement(comparison: Comparison, versions: Mapping[str, str]) -> str:
         *_priors(comparison),
     ]
     return " ".join(filter(None, text))
+
+
+def _of_rig(row: Deviation) -> str:
+    """The quantity and its rig: an angle of repose of a heap is not that of a drum."""
+    return f"{title(row.quantity).lower()} of a {row.rig}"
 
 
 def _priors(comparison: Comparison) -> Iterator[str]:
@@ -228,7 +233,7 @@ def _priors(comparison: Comparison) -> Iterator[str]:
         published = published or prior.source.startswith(hlosta2020.CITATION)
         freedom = "known exactly" if math.isinf(prior.freedom) else f"{prior.freedom:.2g} degrees of freedom"
         where = prior.source.removeprefix(hlosta2020.CITATION).strip(", ")
-        known[f"{title(row.quantity).lower()} {100 * prior.relative:.2g} % ({freedom}; {where})"] = None
+        known[f"{_of_rig(row)} {100 * prior.relative:.2g} % ({freedom}; {where})"] = None
     if not known:
         return
     yield (

@@ -198,6 +198,7 @@ class HopperEntry(ManyBodyEntry[HopperSettings]):
             Stated("outlet", rig.outlet, 1e3, " mm"),
             Stated("bin", rig.bin_width, 1e3, " mm"),
             Stated("depth", rig.depth, 1e3, " mm"),
+            Stated("walls at", rig.inclination, math.degrees(1), "°"),
             stated_filling(rig),
         ]
 

@@ -193,7 +193,7 @@ class PileEntry(ManyBodyEntry[PileSettings]):
 
     def stated(self, experiment: Experiment) -> list[Stated]:
         rig = self.rig(experiment)
-        return [Stated("base", rig.base_diameter, 1e3, " mm"), Stated("rim", rig.rim_height, 1e3, " mm")]
+        return [Stated("base", rig.base_diameter, 1e3, " mm"), Stated("rim", rig.rim_height or None, 1e3, " mm")]
 
     def curves(
         self, experiment: Experiment, measured: Sequence[Measurement], twins: Sequence[Twin]

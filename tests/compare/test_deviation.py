@@ -311,7 +311,7 @@ def test_different_methods_are_compared_if_each_side_has_only_one():
     twin = Quantity("discharge_time", 0.76, 0.001, "s", "given to last passage")
     (row,) = deviations("it", "hopper", [film, film], [twin, twin])
     assert row.percent_deviation == pytest.approx(-5.0)
-    assert row.note == "the twin's method: given to last passage"
+    assert row.note == "the twin's value is by another method: given to last passage"
     other = Quantity("discharge_time", 0.70, 0.01, "s", "5 to 95 %")
     rows = deviations("it", "hopper", [film, other], [twin])
     assert [one.simulated for one in rows] == [None, None]

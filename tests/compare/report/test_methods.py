@@ -62,10 +62,10 @@ def test_the_text_has_the_numbers_of_its_lab_and_none_of_another(comparison, num
 def test_the_scatter_is_the_published_one_unless_the_lab_states_its_own(comparison, numbers):
     published, own = (methods(comparison(numbers(**one)), VERSIONS).markdown for one in ({}, OTHER))
     # docs/verdicts.md lists the published ones
-    assert "restitution on the wall 4.4 % (1.7 degrees of freedom; table 11)" in published
-    assert "restitution on the wall 3.3 % (20 degrees of freedom; " in own
+    assert "restitution on the wall of a drop 4.4 % (1.7 degrees of freedom; table 11)" in published
+    assert "restitution on the wall of a drop 3.3 % (20 degrees of freedom; " in own
     for text in (published, own):
-        assert "angle of repose, geometric 2.8 % (3 degrees of freedom; table 15)" in text
+        assert "angle of repose, geometric of a pile 2.8 % (3 degrees of freedom; table 15)" in text
 
 
 def test_every_citation_is_in_the_list_and_in_the_bib_file_and_nothing_else(comparison):
