@@ -17,10 +17,11 @@ G = 9.81
 MU, RADIUS, PLACE, START = 0.39, 0.003, 0.25, math.radians(17)
 ROLL, LEVEL, SCALE = 1.2e-3, 1.0e-3, 0.998
 NOISE = 1e-4
+LEVELS = 0.15  # [m/s], speed at which weakening friction levels off
 SETTINGS = [(mass, rate) for mass in (0.8e-3, 4.5e-3) for rate in (0.5, 2.0)]
 
 
-def draw_slide(rng, mass, rate, *, pull=0.0, drop=0.0, growth=0.0, chance=0.0):
+def draw_slide(rng, mass, rate, *, pull=0.0, drop=0.0, growth=0.0, chance=0.0, weaker=0.0):
     """One filmed slide: time [s] and place [m] as a camera that is a little off sees it."""
     less = max(rng.normal(0, chance), 0.0)  # a larger kinetic friction would only make it slip later
     mu, turn = MU * (1 + rng.normal(0, 0.02)), math.radians(rate)
@@ -34,7 +35,9 @@ def draw_slide(rng, mass, rate, *, pull=0.0, drop=0.0, growth=0.0, chance=0.0):
         begin = (math.asin((mu * press(begin, 0.0) + PLACE * turn**2) / G) - tilt) / turn
 
     def motion(t, s):
-        kinetic = (mu * (1 - drop) - less + growth * abs(s[1])) * press(t, s[1])
+        kinetic = (mu * (1 - drop) - less + growth * abs(s[1]) - weaker * (1 - math.exp(-abs(s[1]) / LEVELS))) * press(
+            t, s[1]
+        )
         return [s[1], s[0] * turn**2 - G * math.sin(tilt + turn * t) + kinetic]
 
     def arrive(_t, s):
@@ -120,6 +123,14 @@ def test_friction_that_changes_with_the_speed_is_named_with_its_slope(tmp_path):
     assert (found.verdict, found.chosen.names) == ("named", ("sliding_speed",))
     slope = found.chosen.fitted.value("sliding_speed.slope")
     assert slope == pytest.approx(growth, abs=4 * found.chosen.fitted.std("sliding_speed.slope"))
+
+
+def test_friction_that_weakens_exponentially_is_within_the_law_that_levels_off(tmp_path):
+    bench = bench_of(write_slides(tmp_path, 6, repetitions=2, weaker=0.08))
+    base = fit(bench)
+    left = {name: _fit(bench, (named(name),), base) for name in ("sliding_speed", "sliding_speed_levelling")}
+    share = {name: (one.per_row - 1) / (base.per_row - 1) for name, one in left.items()}
+    assert share["sliding_speed_levelling"] < 0.1 < share["sliding_speed"]  # 90 % of the gap names a law
 
 
 def test_chance_that_lowers_the_kinetic_friction_is_no_friction_drop(tmp_path):
