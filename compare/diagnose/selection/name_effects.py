@@ -83,6 +83,8 @@ class _Search:
     """Gain of a set over a smaller one whose laws are free (see `bent_laws`)."""
     broken: dict[str, None] = field(default_factory=dict)
     """Sets whose normal equations were singular."""
+    earlier: Mapping[frozenset[str], Candidate] = field(default_factory=dict)
+    """Sets fitted beside a baseline that was in a poor minimum."""
 
     def begin(self) -> None:
         """Choose part of the data if the disagreement is large enough for screening."""
@@ -205,8 +207,18 @@ class _Search:
                     result[frozenset(one.names)] = self._completed(one)
             best = best_of(list(result.values()))
             leading = [best] if best is not None and self.is_part(best.fitted) else []
+        result = {key: self._better_earlier(key, one) for key, one in result.items()}
         self.done.update(result)
         return list(result.values())
+
+    def _better_earlier(self, key: frozenset[str], one: Candidate) -> Candidate:
+        """The candidate, or its fit beside an earlier baseline if that is the better one on all data."""
+        was = self.earlier.get(key)
+        if was is None or self.is_part(was.fitted):
+            return one
+        if not self.is_part(one.fitted) and one.fitted.deviance <= was.fitted.deviance:
+            return one
+        return replace(was, gain=self._gain(was.fitted), rough=None)
 
     def reduced(self, more: Candidate, best: Candidate) -> Candidate:
         """The best set after removal of one effect, fitted from the solution of the larger set.
@@ -300,20 +312,26 @@ class _Search:
         return len(fitted.residual) != len(self.base.residual)
 
 
-def name_effects(bench: Regioned, candidates: Sequence[Effect], base: Fit, progress: Progress) -> Naming:
+def name_effects(
+    bench: Regioned,
+    candidates: Sequence[Effect],
+    base: Fit,
+    progress: Progress,
+    earlier: Mapping[frozenset[str], Candidate] | None = None,
+) -> Naming:
     """Forward selection over the candidates, from single effects up, with pairs grown from the three best singles.
 
-    `progress` is called with step, number and count.
+    `progress` is called with step, number and count.  `earlier` are sets fitted beside a worse baseline.
     """
     location = locate(bench, base)
-    search = _Search(bench, base, spread_of(base, location))
+    search = _Search(bench, base, spread_of(base, location), earlier=earlier or {})
     search.begin()
     progress("candidates", 0, len(candidates))
     singles = search.polish(search.consider(None, candidates))
     singles = search.settle(singles)
     better = _better_base(search, base, singles)
     if better is not None:
-        found = name_effects(bench, candidates, better, progress)
+        found = name_effects(bench, candidates, better, progress, search.done)
         return replace(found, broken=tuple(dict.fromkeys((*search.broken, *found.broken))))
     best = best_of(singles)
     if best is None or best.score < ALARM:

@@ -135,6 +135,20 @@ def test_a_candidate_whose_equations_have_no_solution_is_left_out_and_reported()
     assert list(search.broken) == ["air drag and non-level plate"]
 
 
+def test_a_fit_beside_a_poor_baseline_is_kept_where_the_search_begins_anew_and_finds_a_worse_one():
+    def candidate(deviance):
+        fitted = SimpleNamespace(residual=np.zeros(9), deviance=deviance, converged=True, unknowns=(), terms=terms)
+        return Candidate(terms, fitted, gain=0.0)
+
+    terms = (named("friction_drop"),)
+    key = frozenset({"friction_drop"})
+    base = SimpleNamespace(residual=np.zeros(9), deviance=50.0)
+    search = _Search(SimpleNamespace(), base, 1.0, earlier={key: candidate(9.0)})
+    search._spared = lambda _fitted: 0.0
+    assert search._better_earlier(key, candidate(40.0)).gain == 50.0 - 9.0
+    assert search._better_earlier(key, candidate(8.0)).fitted.deviance == 8.0
+
+
 def test_a_candidate_that_has_no_solution_on_all_data_is_refused_and_reported(monkeypatch):
     search = _Search(SimpleNamespace(), None, 1.0)
 
