@@ -89,7 +89,8 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
     if found.fitted is not None:
         expected = _expected(found.seen, found.pixels, found.fitted, found.video)
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
-        warnings = tuple(contradictions(better, centres, video.in_file))
+        places = {each.frame: tuple(np.add(each.place, each.shake).tolist()) for each in better.sightings}
+        warnings = tuple(contradictions(places, better.radius, centres, video.in_file))
         better = with_stated(better, centres, found.video.times)
         return replace(found, seen=better, pixels=_pixel_track(better), warnings=warnings)
     if len(found.pixels.time) <= FEWEST_SEEN:

@@ -62,21 +62,20 @@ def moved_to(image: BeadImage, at: Point, shake: Array) -> BeadImage:
     return replace(image, x=at[0] - float(shake[0]), y=at[1] - float(shake[1]), sigma=STATED_SIGMA)
 
 
-def contradictions(seen: Chase, centres: Mapping[int, tuple[Point, ...]], in_file: Callable[[int], int]) -> list[str]:
-    """Sentences on stated centres of a bead that is seen elsewhere in the same frame, by more than its radius.
+def contradictions(
+    seen: Mapping[int, Point], radius: float, centres: Mapping[int, tuple[Point, ...]], in_file: Callable[[int], int]
+) -> list[str]:
+    """Sentences on stated centres of a body that is seen elsewhere in the same frame, by more than its radius [px].
 
-    `seen` is the bead as it was followed without them, `in_file` gives the number of a frame in the file.
+    `seen` is the place [px] by frame where it is located without them, `in_file` the number of a frame in the file.
     """
-    found = []
-    for sighting in seen.sightings:
-        for at in centres.get(sighting.frame, ()):
-            away = math.dist(at, np.add(sighting.place, sighting.shake))
-            if away > seen.radius:
-                found.append(
-                    f"the centre that is stated of frame {in_file(sighting.frame)} lies {away:.0f} px from the bead "
-                    "that is seen in this frame; it is used as stated."
-                )
-    return found
+    return [
+        f"the centre that is stated of frame {in_file(frame)} lies {away:.0f} px from the body that is seen in this "
+        "frame; it is used as stated."
+        for frame, stated in centres.items()
+        for at in stated
+        if frame in seen and (away := math.dist(at, seen[frame])) > radius
+    ]
 
 
 def with_stated(seen: Chase, centres: Mapping[int, tuple[Point, ...]], times: Array) -> Chase:

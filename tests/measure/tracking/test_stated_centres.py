@@ -15,6 +15,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import read_lab
 from rigtwin.measure.drop import measurement as drop
 from rigtwin.measure.pendulum import measurement as pendulum
+from rigtwin.measure.tilt import measurement as tilt
 
 MEDIA = Path(__file__).parents[3] / "sample_media"
 CLIP, DOUBLE = MEDIA / "drop" / "r01.mp4", MEDIA / "pendulum" / "r01.mp4"
@@ -51,7 +52,7 @@ def test_a_stated_centre_takes_the_place_of_the_one_that_was_found(found):
     assert np.all(sigma[[at - 1, at + 1]] < 0.2)
     assert moved.camera["stated"] == ["centre"]
     (said,) = [each for each in moved.warnings if "stated" in each]
-    assert said.startswith("the centre that is stated of frame 40 lies 12 px from the bead")
+    assert said.startswith("the centre that is stated of frame 40 lies 12 px from the body")
     # one wrong point among many does not spoil the flights
     restitution = value(found, "restitution_wall", "velocity")
     assert value(moved, "restitution_wall", "velocity") == pytest.approx(restitution, abs=0.001)
@@ -67,9 +68,9 @@ def test_a_bead_that_is_hidden_is_where_it_is_stated_to_be(found, tmp_path):
     assert set(seen) == {*without, 61}
 
 
-def covered(target, places):
+def covered(target, places, clip=CLIP):
     """The clip with a flat patch over the bead in some frames."""
-    with av.open(str(CLIP)) as source, av.open(str(target), "w") as copy:
+    with av.open(str(clip)) as source, av.open(str(target), "w") as copy:
         (video,) = source.streams.video
         stream = copy.add_stream("libx264", rate=video.average_rate, options={"crf": "10", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = video.width, video.height, "yuv420p"
@@ -94,6 +95,44 @@ def test_a_stated_centre_is_that_of_the_bead_next_to_it():
     first, second = tracks(pendulum.measure(DOUBLE, replace(camera, centre=stated)))
     assert first[frame] == pytest.approx((xa - 2, ya), abs=0.01)
     assert second[frame] == pytest.approx((xb + 3, yb), abs=0.01)
+
+
+SLIDE = MEDIA / "seven_rigs" / "tilt.mp4"
+
+
+def tilted(clip, *centres):
+    return tilt.measure(clip, Camera(frame_rate=100.0, scale=5e-4, centre=centres), variant="slide")
+
+
+@pytest.fixture(scope="module")
+def slid():
+    return tilted(SLIDE)
+
+
+def test_a_stated_centre_of_a_tilt_takes_the_place_of_the_one_that_was_found(slid):
+    (path,) = tracks(slid)
+    moved = tilted(SLIDE, Seed(100, (path[100][0] + 9, path[100][1])))
+    (seen,) = tracks(moved)
+    away = {frame: np.subtract(place, path[frame]) for frame, place in seen.items()}
+    assert set(seen) == set(path)
+    assert away.pop(100) == pytest.approx((9, 0), abs=0.01)
+    assert np.abs(list(away.values())).max() < 0.01
+    assert moved.tracks[0].sigma[list(seen).index(100)] / 5e-4 == pytest.approx(STATED_SIGMA, abs=0.01)
+    (said,) = [each for each in moved.warnings if "stated" in each]
+    assert said.startswith("the centre that is stated of frame 100 lies 9 px from the body")
+    angles = [value(each, "static_friction_angle", "onset") for each in (slid, moved)]
+    assert angles[1] == pytest.approx(angles[0], abs=0.02)  # a tenth of its standard uncertainty
+
+
+def test_the_body_of_a_tilt_is_followed_on_from_a_stated_centre(slid, tmp_path):
+    (path,) = tracks(slid)
+    clip = covered(tmp_path / "covered.mp4", {frame: path[frame] for frame in range(104, 129)}, SLIDE)
+    (without,) = tracks(tilted(clip))
+    assert max(without) < 110
+    (seen,) = tracks(tilted(clip, Seed(128, path[128])))
+    assert seen[128] == pytest.approx(path[128], abs=0.01)
+    for frame in range(129, 140):
+        assert seen[frame] == pytest.approx(path[frame], abs=0.2)
 
 
 @pytest.mark.parametrize(
