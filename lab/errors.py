@@ -117,8 +117,8 @@ class NothingToMeasure(BadInput):
 
 
 @contextmanager
-def seeing(seen: Seen) -> Iterator[None]:
-    """Add what was seen to a refusal from within that carries nothing of it.
+def seeing(seen: Seen, remarks: Sequence[str] = ()) -> Iterator[None]:
+    """Add what was seen to a refusal from within that carries nothing of it, and `remarks` that may explain it.
 
     >>> with seeing(Seen(frame=3)):  # doctest: +SKIP
     ...     evaluate(track)
@@ -127,4 +127,5 @@ def seeing(seen: Seen) -> Iterator[None]:
         yield
     except NothingToMeasure as error:
         error.seen = error.seen or seen
+        error.message = "; ".join([error.message.rstrip("."), *(each.rstrip(".") for each in remarks)]) + "."
         raise

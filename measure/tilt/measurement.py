@@ -114,7 +114,7 @@ def measure(
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         return plate, track, way, *onset_of(way, str(clip))
 
-    with seeing(Seen(frame=video.first, marks=body_seen(film))):
+    with seeing(Seen(frame=video.first, marks=body_seen(film)), film.warnings):
         plate, track = record(film, gauge)
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         if at_rest(way):

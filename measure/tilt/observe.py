@@ -240,6 +240,24 @@ def _laid_over(scene: Scene, learnt: Background) -> dict[int, FloatImage]:
     return {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
 
 
+@dataclass(frozen=True)
+class _Guess:
+    """Where the body may be in one frame, and how fast: what it is looked for by in the next one."""
+
+    place: Array  # [px], along and across the arm, from its place at rest
+    speed: float = 0.0  # [px/interval]
+    slack: float = 0.0  # [px], how far from there it is looked for beyond what it may have moved
+
+    def seen(self, step: Step, lasts: float, slack: float = 0.0) -> _Guess:
+        """After `lasts` intervals, at the end of which it is seen there."""
+        moved = (step.along - self.place[0]) / max(lasts, 0.5)
+        return _Guess(np.array([step.along, step.across]), moved if abs(moved) > 0.5 else 0.0, slack)
+
+    def lost(self, lasts: float, slack: float = 0.0) -> _Guess:
+        """After `lasts` intervals without a sight of it."""
+        return _Guess(self.place + np.array([self.speed * lasts, 0.0]), self.speed, slack)
+
+
 def _follow(
     video: Video,
     scene: Scene,
@@ -255,8 +273,8 @@ def _follow(
     shake = (0.0, 0.0)
     known = sorted(arm.directions)
     sampled = np.array([arm.directions[n] for n in known])
-    place, speed, slack, lost = np.zeros(2), 0.0, 0.0, 0
-    last, since = place, 0.0  # where the body was last seen, and frame intervals since then
+    last = _Guess(np.zeros(2))  # where the body was last seen
+    guesses, lost, since = [last], 0, 0.0  # the likeliest first; frames and intervals since the body was last seen
     beside: dict[int, Point] = {}  # where the body is seen in frames in which its centre is stated
     usual, before = float(np.median(np.diff(video.times))), math.nan
     for frame in video.frames():
@@ -268,25 +286,25 @@ def _follow(
         guess = float(np.interp(frame.index, known, sampled))
         turn = lay_over(arm, view.grey, guess, reach=6)
         direction = guess if turn is None else turn.direction
-        step = None
-        if lost < MOST_LOST:
-            step = _located(arm, body, view.grey, direction, place, speed, lasts, slack)
-        since += lasts
-        slack = STATED_REACH if frame.index in centres else 0.0
+        step, since = None, since + lasts
+        for one in guesses if lost < MOST_LOST else ():
+            step = _located(arm, body, view.grey, direction, one, lasts)
+            if step is not None:
+                guesses = [one.seen(step, lasts)]
+                break
+        else:
+            if frame.index > body.rests[-1]:
+                lost += 1
+                guesses = [each.lost(lasts, 1.5 * lost) for each in guesses]
         for at in centres.get(frame.index, ()):
             if step is not None:
                 beside[frame.index] = _shifted(arm.in_picture(body.at(step), direction), view.shake)
+            # the mean speed since the body was last seen; where it is not seen next, it is looked for as without
+            others = guesses if step is not None else []
             step = body.stated(in_arm(_shifted(at, view.shake, -1), arm.pivot, direction))
-            place, lasts = last, since  # behind a gap, the mean speed over the gap
+            guesses = [last.seen(step, since, STATED_REACH), *others]
         if step is not None:
-            moved = (step.along - place[0]) / max(lasts, 0.5)
-            speed = moved if abs(moved) > 0.5 else 0.0
-            last = place = np.array([step.along, step.across])
-            lost, since = 0, 0.0
-        elif lost < MOST_LOST and frame.index > body.rests[-1]:
-            lost += 1
-            slack = 1.5 * lost
-            place = place + np.array([speed * lasts, 0.0])
+            last, lost, since = guesses[0], 0, 0.0
         numbers.append(frame.index)
         directions.append(math.nan if turn is None else turn.direction)
         sigmas.append(math.nan if turn is None else turn.sigma)
@@ -314,22 +332,15 @@ def _follow(
 
 
 def _located(
-    arm: Arm,
-    body: RestingBody,
-    grey: FloatImage,
-    direction: float,
-    place: Array,
-    speed: float,
-    lasts: float,
-    slack: float,
+    arm: Arm, body: RestingBody, grey: FloatImage, direction: float, guess: _Guess, lasts: float
 ) -> Step | None:
-    """The body in a frame, `lasts` intervals after `place` [px], known to `slack` [px]; speed [px/interval]."""
-    expected = place + np.array([speed * lasts, 0.0])
-    step = follow(arm, body, grey, direction, expected.tolist(), 1.0)
-    if step is None or abs(speed) > 1.0 or abs(step.along - place[0]) > 1.0:
+    """The body in a frame, `lasts` intervals after the one before."""
+    expected = guess.lost(lasts).place.tolist()
+    step = follow(arm, body, grey, direction, expected, 1.0)
+    if step is None or abs(guess.speed) > 1.0 or abs(step.along - guess.place[0]) > 1.0:
         # from frame to frame it may accelerate by a large share of its size
-        reach = 6.0 + 0.6 * abs(speed) * lasts + slack
-        wide = follow(arm, body, grey, direction, expected.tolist(), reach)
+        reach = 6.0 + 0.6 * abs(guess.speed) * lasts + guess.slack
+        wide = follow(arm, body, grey, direction, expected, reach)
         if wide is None or step is None or wide.likeness > step.likeness + 0.01:
             step = wide if wide is not None else step
     return step
