@@ -17,8 +17,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,6 +115,27 @@ class Claimed(BadInput):
 
 class NothingToMeasure(BadInput):
     """Readable media in which the thing to be measured was not found."""
+
+
+_change: ContextVar[Callable[[str], str]] = ContextVar("_change", default=str)
+
+
+def as_written(text: str) -> str:
+    """A message with the names by which the user states things: options, or within `worded` others."""
+    return _change.get()(text)
+
+
+@contextmanager
+def worded(change: Callable[[str], str]) -> Iterator[None]:
+    """Change the words of refusals from within, and of what `as_written` is asked within."""
+    before = _change.set(change)
+    try:
+        yield
+    except BadInput as error:
+        error.message = as_written(error.message)
+        raise
+    finally:
+        _change.reset(before)
 
 
 @contextmanager
