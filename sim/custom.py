@@ -6,7 +6,7 @@ Every `interval` the particles are counted, in rigtwin's own runs and in those t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,7 +20,7 @@ from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.records import Series
+from rigtwin.lab.records import Series, WallLoad
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.output.outline import surface, surface_over
@@ -66,6 +66,7 @@ class Course:
     time: float  # [s], simulated
     statistics: dict[str, float] = field(default_factory=dict)
     history: History | None = None
+    loads: tuple[WallLoad, ...] = ()  # of the particles on each wall; none of a run that another program computed
     assumptions: dict[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
@@ -123,7 +124,7 @@ def run(
     made_of = {name: (surfaces or {}).get(name, (wall, wall_contact)) for name in walls}
     # the time step follows from the lowest restitution
     bench = Bench(rig, particle, wall, contact, min((c for _, c in made_of.values()), key=_restitution), numerics)
-    bulk = bench.bulk_of([_wall(rig, name, walls[name], *made_of[name], bench) for name in walls], domain)
+    bulk = bench.bulk_of([_wall(rig, name, walls[name], *made_of[name], bench) for name in walls], domain, weighs=True)
     regions = regions_of(rig, particle)
     source, state = Pouring(rig), _RunState(random=np.random.default_rng(seed))
     clock = _Clock(rig, bulk.time_step)
@@ -138,6 +139,7 @@ def run(
             before, began = state.remaining(bulk.grains(), domain), bulk.time
             if not state.rows:
                 state.look(regions, before, 0.0)
+                state.weigh(bulk.impulses)
             next_check, next_look = clock.check(state.checks), clock.look(len(state.rows))
             logbook.run(max(1, min(next_check, next_look, clock.end) - bulk.steps))
             now = state.remaining(bulk.grains(), domain)
@@ -147,12 +149,14 @@ def run(
             state.ended = state.ended or bulk.steps >= clock.end
             if bulk.steps >= next_look or state.ended:
                 state.look(regions, now, bulk.time)
+                state.weigh(bulk.impulses)
             logbook.look(state.kept())
             progress("simulating", min(bulk.time, rig.duration), rig.duration)
     return _course_of(
         rig, particle, state, bulk.beads(), state.remaining(bulk.grains(), domain), asked=count, time=bulk.time,
         statistics=logbook.statistics(), history=logbook.history,
         assumptions={**assumptions_of(rig, particle), **bench.assumptions()}, warnings=bench.warnings(bulk, logbook),
+        loads=tuple(state.loads(rig)),
     )  # fmt: skip
 
 
@@ -403,6 +407,8 @@ class _RunState(filling.Course):
 
     rows: list[list[float]] = field(default_factory=list)
     """Time, per region particles and mass, discharged mass, kinetic energy."""
+    impulses: list[list[list[float]]] = field(default_factory=list)
+    """At the same times, by wall: impulse [N s] of the particles on it so far, and its moment [N m s]."""
     checks: int = 0  # of filling and rest so far
     settled: int = 0  # checks in a row at rest, with no wall that is still to move or to be removed
     discharged: int = 0
@@ -445,6 +451,22 @@ class _RunState(filling.Course):
             there = within(region, grains.position)
             row += [float(there.sum()), float(grains.mass[there].sum())]
         self.rows.append([*row, self.discharged_mass, grains.kinetic_energy])
+
+    def weigh(self, impulses: Array) -> None:
+        """Note the impulses on the walls so far."""
+        self.impulses.append(impulses.tolist())
+
+    def loads(self, rig: CustomRig) -> Iterator[WallLoad]:
+        """Mean forces and torques between the looks."""
+        times = np.array([row[0] for row in self.rows])
+        sums = np.array(self.impulses).reshape(len(times), len(rig.walls), 6)
+        means = np.diff(sums, axis=0) / np.diff(times)[:, None, None]
+        for number, (name, wall) in enumerate(rig.walls.items()):
+            torque = means[:, number, 3:]
+            axis = np.array(wall.rotation_axis) / np.linalg.norm(wall.rotation_axis)
+            yield WallLoad(
+                name, times[1:], means[:, number, :3], torque, torque @ axis if wall.rotation_speed else None
+            )
 
     def note_rest(self, rig: CustomRig, particle: Particle, grains: Grains, time: float, count: int) -> None:
         """Note whether the particles rest, and whether the run ends here."""
@@ -524,6 +546,7 @@ def _course_of(
     history: History | None,
     assumptions: dict[str, str],
     warnings: tuple[str, ...],
+    loads: tuple[WallLoad, ...] = (),
 ) -> Course:
     regions = regions_of(rig, particle)
     times, *columns = np.array(state.rows).T
@@ -573,6 +596,7 @@ def _course_of(
         time=time,
         statistics=statistics,
         history=history,
+        loads=loads,
         assumptions=assumptions,
         warnings=tuple(said),
     )

@@ -124,7 +124,8 @@ def custom_result(
         "time_s": course.time,
         "walls": {name: material.name for name, (material, _) in (surfaces or {}).items()},
     }
-    return bulk_twin(
+    twin = bulk_twin(
         NAME, rig, cast, course, Evaluation(tuple(found)), computed, numbers, series=course.series,
         draw=lambda: custom.picture(rig, course),
     )  # fmt: skip
+    return replace(twin, loads=course.loads)

@@ -144,8 +144,9 @@ class Bench:
         *,
         skin: float | None = None,
         open_domain: bool = True,
+        weighs: bool = False,
     ) -> Bulk:
-        """As `bulk`, with walls whose materials (softened), contacts and motions differ."""
+        """As `bulk`, with walls whose materials (softened), contacts and motions differ; `weighs` as for `Bulk`."""
         from rigtwin.sim.engine.bulk.bulk import SKIN, Bulk
 
         (x, y, z), (to_x, to_y, to_z) = ([float(c) for c in corner] for corner in domain)
@@ -156,6 +157,7 @@ class Bench:
             low=(x, y, z),
             high=(to_x, to_y, to_z),
             open_domain=open_domain,
+            weighs=weighs,
             time_step=self.time_step()[0],
             rolling=self.rolling,
             contact_law=self.contact_law,

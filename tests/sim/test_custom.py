@@ -109,13 +109,13 @@ def test_a_turning_paddle_throws_a_smooth_bead_outwards_as_a_turning_tube_does(t
     fill = Region((0.02, 0.004, 0.0005), (0.0285, 0.0125, 0.009))
     rig = CustomRig(walls, fill, duration=0.5, low=(-0.2, -0.2, -0.05), high=(0.2, 0.2, 0.1))
     # the time step follows from the restitution: without a bounce the bead stays on the paddle
-    custom.run(
+    course = custom.run(
         rig, D6, PMMA, SMOOTH, SMOOTH, count=1, trajectory=tmp_path / "p.gsd", trajectory_interval=1e-3,
         stiffness_factor=0.01,
     )  # fmt: skip
     with gsd.hoomd.open(tmp_path / "p.gsd") as file:
-        rows = [(frame.log["time_s"][0], *frame.particles.position[0]) for frame in file]
-    time, x, y, z = np.array(rows).T
+        rows = [(frame.log["time_s"][0], *frame.particles.position[0], *frame.particles.velocity[0]) for frame in file]
+    time, x, y, z, u, v, _ = np.array(rows).T
     turned = spin * np.maximum(time - start, 0.0)
     along, off = x * np.cos(turned) + y * np.sin(turned), y * np.cos(turned) - x * np.sin(turned)
     assert off.min() > D6.radius * 0.97  # never inside the paddle
@@ -126,6 +126,10 @@ def test_a_turning_paddle_throws_a_smooth_bead_outwards_as_a_turning_tube_does(t
     assert along[met:] == pytest.approx(along[met] * np.cosh(since) + D6.radius * np.sinh(since), rel=0.03)
     assert z[met:] == pytest.approx(D6.radius, rel=0.03)
     assert along[-1] > 1.5 * along[met]
+    # the angular impulse of the paddle is the angular momentum of the bead
+    _, load = course.loads
+    impulse = np.sum(load.about_axis * np.diff(load.time, prepend=0.0))
+    assert impulse == pytest.approx(-D6.mass * (x * v - y * u)[-1], rel=1e-3)
 
 
 def test_a_cup_that_is_turned_over_empties_and_every_bead_is_counted_once(tmp_path):
@@ -148,6 +152,30 @@ def test_a_cup_that_is_turned_over_empties_and_every_bead_is_counted_once(tmp_pa
     discharged = next(one for one in course.series if one.quantity == "mass_discharged").value
     escaped = 80 * D6.mass - mass - discharged
     assert (np.diff(escaped) > -1e-12).all()
+
+
+def test_a_bed_at_rest_weighs_on_its_walls_what_its_beads_weigh(tmp_path):
+    away = cup(40, 120)
+    away.apply_translation((200, 100, 0))  # [mm]
+    sides = away.copy()
+    sides.update_faces(away.triangles_center[:, 2] > 1e-9)
+    base = away.copy()
+    base.update_faces(away.triangles_center[:, 2] <= 1e-9)
+    walls = {"sides": wall(tmp_path, "sides", sides), "base": wall(tmp_path, "base", base)}
+    box = Region((0.18, 0.08, 0.0), (0.22, 0.12, 0.1))
+    rig = CustomRig(walls, box, end="at rest", regions={"bed": box}, interval=0.1)
+    course = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=200)
+    assert course.at_rest
+    weight = G * course.inside["bed"][1]
+    sides_load, base_load = course.loads
+    assert (sides_load.wall, base_load.wall) == ("sides", "base")
+    assert base_load.force[-1, 2] < -0.5 * weight  # the sides carry the rest by friction
+    force = sides_load.force[-1] + base_load.force[-1]
+    assert force == pytest.approx((0, 0, -weight), abs=0.01 * weight)
+    torque = sides_load.torque[-1] + base_load.torque[-1]
+    x, y, _ = course.centres.mean(axis=0)
+    assert torque == pytest.approx((-y * weight, x * weight, 0), abs=0.01 * 0.2 * weight)
+    assert base_load.about_axis is None
 
 
 def test_the_flow_out_of_a_funnel_begins_as_its_slide_is_taken_away(tmp_path):
@@ -195,6 +223,9 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path):
     whole = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=60, seed=3)
     assert np.array_equal(resumed.centres, whole.centres)
     assert all(np.array_equal(a.value, b.value) for a, b in zip(resumed.series, whole.series, strict=True))
+    (load,), (same,) = whole.loads, resumed.loads
+    assert np.array_equal(load.force, same.force)
+    assert np.array_equal(load.torque, same.torque)
     assert whole.inside["domain"][0] == 60
 
 
