@@ -13,6 +13,8 @@ from rigtwin.lab.input_files import decoding, read_bytes
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
+    from rigtwin.lab.arrays import Array, Mask
+
 StlUnit = Literal["mm", "cm", "m", "um", "inch"]
 STL_UNITS: dict[StlUnit, float] = {
     "mm": 1e-3,
@@ -23,6 +25,7 @@ STL_UNITS: dict[StlUnit, float] = {
 }  # [m], of the numbers in an STL file
 LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
 MOST_FACETS = 100_000  # scans are simplified before; a clump of spheres takes about 10 s with so many
+AT_ONCE = 1_000_000  # pairs of a point and a facet, of which some arrays of 24 bytes each are made
 CUT = 200  # [bytes], in which the end of a facet and the first words of another stand
 HEAD, FACET_BYTES = 84, 50  # [bytes], of a binary file: its header with the number of facets, and each facet
 
@@ -72,6 +75,41 @@ def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
         raise BadInput(f"{path}: all its corners are at one place; export it again.")
     mesh.vertices *= unit
     return mesh
+
+
+def encloses(corners: Array, points: Array) -> Mask:
+    """Which points lie inside of a closed part of a surface.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 3, 3)
+        Triangles [m].
+    points : ndarray, shape (k, 3)
+        Points [m], none of them on the surface.
+
+    Returns
+    -------
+    ndarray of bool, shape (k,)
+        Whether the solid angle of a closed part is 4 pi there, and not 0. Parts that are not closed have no inside.
+
+    References
+    ----------
+    van Oosterom & Strackee (1983), eq. 8.
+    """
+    import numpy as np
+    from trimesh import Trimesh
+
+    whole = Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    inside = np.zeros(len(points), dtype=bool)
+    for part in whole.split(only_watertight=True):
+        # few points at a time, or a large surface would take gigabytes
+        for rows in np.array_split(np.arange(len(points)), 1 + len(points) * len(part.faces) // AT_ONCE):
+            a, b, c = np.moveaxis(part.triangles[:, :, None] - points[rows], 1, 0)
+            x, y, z = (np.linalg.norm(one, axis=-1) for one in (a, b, c))
+            dots = (a * b).sum(-1) * z + (b * c).sum(-1) * x + (c * a).sum(-1) * y
+            angle = 2 * np.arctan2((a * np.cross(b, c)).sum(-1), x * y * z + dots).sum(axis=0)
+            inside[rows] |= np.abs(angle) > 2 * np.pi
+    return inside
 
 
 def _whole(path: Path, content: bytes, advice: str) -> bytes:

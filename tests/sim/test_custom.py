@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from rigtwin.lab import stl
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
 from rigtwin.lab.errors import BadInput
@@ -66,7 +67,7 @@ def heights(folder: Path, seed: int) -> tuple[float, float]:
     planes = [Plane((0, 0, 0), (0, 0, 1))]
     planes += [Plane(tuple(-0.02 * s * np.eye(3)[k]), tuple(s * np.eye(3)[k])) for k in (0, 1) for s in (-1.0, 1.0)]
     bulk = Bench(rig, D6, PMMA, AMONG, AT_WALL, {}).bulk(planes, ((-0.03, -0.03, -0.01), (0.03, 0.03, 0.13)))
-    source = custom.Pouring(rig)
+    source = custom.FillRegion(rig)
     places, _, _ = filling.scattered(200, source.inside, source.box, D6, np.random.default_rng(seed), thrown=0.0)
     bulk.add(places)
     bulk.run(round(0.5 / bulk.time_step))
@@ -265,6 +266,23 @@ def test_a_rig_that_cannot_be_is_refused(tmp_path, changed, words):
         custom.run(replace(rig, **changed), D6, PMMA, AMONG, AT_WALL, count=5)
 
 
+def test_room_inside_of_a_closed_surface_is_a_warning_if_there_is_room_outside_too(tmp_path):
+    block = trimesh.creation.box((24, 24, 24))
+    block.apply_translation((0, 0, 40))
+    walls = {"cup": wall(tmp_path, "cup", cup(60, 120)), "block": wall(tmp_path, "block", block)}
+    rig = CustomRig(walls, Region((-0.025, -0.025, 0.004), (0.025, 0.025, 0.09)))
+    [said] = custom.enclosed(rig, D6)
+    # of the room for centres 3 mm clear of all surfaces
+    inside, around, beside = 0.018**3, 0.044**2 * 0.08, 0.03**2 * 0.03
+    share = 100 * inside / (around - beside + inside)
+    assert float(said.split(" % ")[0].split()[-1]) == pytest.approx(share, abs=3)
+    assert said.startswith("walls.block: is a closed surface")
+    vessel = CustomRig({"block": walls["block"]}, Region((-0.011, -0.011, 0.03), (0.011, 0.011, 0.05)))
+    assert custom.enclosed(vessel, D6) == []
+    within = stl.encloses(custom.corners_of(walls["block"]), np.array([[0.0, 0.0, 0.03], [0.013, 0.0, 0.04]]))
+    assert within.tolist() == [True, False]
+
+
 def test_a_wall_too_fast_for_the_time_step_is_named(tmp_path):
     fast = wall(tmp_path, "cup", cup(40, 80), velocity=(0.0, 0.0, 50.0))
     rig = CustomRig(
@@ -280,7 +298,7 @@ def box_rig(folder: Path, walls: dict[str, StlWall] | None = None, **changed) ->
     return replace(CustomRig({"cup": wall(folder, "cup", cup(40, 80)), **(walls or {})}, fill), **changed)
 
 
-def run_of(rig: CustomRig, count: int = 10, **settings) -> custom.Course:
+def run_of(rig: CustomRig, count: int = 10, **settings) -> custom.CustomRun:
     return custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=count, **settings)
 
 
