@@ -228,8 +228,8 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
 def enclosed(rig: CustomRig, particle: Particle) -> list[str]:
     """Sentences on walls that are closed surfaces, inside of which a part of the fill region lies.
 
-    Of a closed wall in which all places lie nobody knows whether it is a vessel or a solid; parts on both sides show
-    that particles would be placed inside a solid.  Surfaces that are not closed have no inside.
+    A closed wall in which all places lie may be a vessel; places on both sides show that particles would be placed
+    inside a solid.  Surfaces that are not closed have no inside.
     """
     rng, source, found = np.random.default_rng(0), FillRegion(rig), []
     points = rng.uniform(*source.box, (PROBES, 3))

@@ -196,8 +196,8 @@ def _stages(
                 "empty": f'if "$(atoms) < 1" then {_to(name, done)}',
             }.get(stage.end, "")
             turns = math.floor(stage.limit / stage.interval + 1e-9)
-            rest = stage.limit - turns * stage.interval
-            last = f"run {deck.steps(rest)}\n{dump}" if rest > deck.time_step else ""
+            left = stage.limit - turns * stage.interval
+            last = f"run {deck.steps(left)}\n{dump}" if left > deck.time_step else ""
             body = f"run {deck.steps(stage.interval)}\n{dump}"
             yield _loop(name, number, turns, body, leave, last) if turns else last
         elif isinstance(stage, Settle):
