@@ -6,9 +6,11 @@ from pathlib import Path
 
 import gsd.hoomd
 import numpy as np
+import pandas as pd
 import pytest
 import trimesh
 
+from rigtwin.cli import run
 from rigtwin.lab import stl
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
@@ -177,6 +179,17 @@ def test_a_bed_at_rest_weighs_on_its_walls_what_its_beads_weigh(tmp_path):
     x, y, _ = course.centres.mean(axis=0)
     assert torque == pytest.approx((-y * weight, x * weight, 0), abs=0.01 * 0.2 * weight)
     assert base_load.about_axis is None
+
+
+def test_the_command_writes_a_table_of_the_load_of_each_wall(tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cup(40, 60).export("cup.stl")
+    box = "-18mm,-18mm,1mm..18mm,18mm,50mm"
+    assert run(["simulate", "custom", "--stl", "cup.stl", f"--fill={box}", "--count", "40", "--out", "made"]) == 0
+    assert "custom-twin-load_on_stl1.csv" in capfd.readouterr().out
+    table = pd.read_csv("made/custom-twin-load_on_stl1.csv")
+    assert list(table) == ["time_s", "fx_N", "fy_N", "fz_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm"]
+    assert table.fz_N[table.time_s > table.time_s.max() - 0.1].mean() == pytest.approx(-40 * D6.mass * G, rel=0.03)
 
 
 def test_the_flow_out_of_a_funnel_begins_as_its_slide_is_taken_away(tmp_path):
