@@ -118,6 +118,16 @@ def test_a_stated_centre_is_that_of_the_bead_next_to_it():
     assert second[frame] == pytest.approx((xb + 3, yb), abs=0.01)
 
 
+@pytest.mark.parametrize("away", [20, 120])
+def test_a_centre_of_a_pendulum_that_is_far_from_its_bead_is_named(away):
+    camera = Camera(frame_rate=240.0)
+    a, _ = tracks(pendulum.measure(DOUBLE, camera))
+    x, y = a[30]
+    moved = pendulum.measure(DOUBLE, replace(camera, centre=(Seed(30, (x, y + away)),)))
+    (said,) = [each for each in moved.warnings if "stated" in each]
+    assert said.startswith(f"--centre 30:{x:g},{y + away:g} is used as stated, but lies {away} px from the body")
+
+
 def test_a_stated_centre_of_a_tilt_takes_the_place_of_the_one_that_was_found(slid):
     (path,) = tracks(slid)
     moved = tilted(SLIDE, Seed(100, (path[100][0] + 9, path[100][1])))
