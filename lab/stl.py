@@ -25,7 +25,6 @@ STL_UNITS: dict[StlUnit, float] = {
 }  # [m], of the numbers in an STL file
 LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
 MOST_FACETS = 100_000  # scans are simplified before; a clump of spheres takes about 10 s with so many
-AT_ONCE = 1_000_000  # pairs of a point and a facet, of which some arrays of 24 bytes each are made
 CUT = 200  # [bytes], in which the end of a facet and the first words of another stand
 HEAD, FACET_BYTES = 84, 50  # [bytes], of a binary file: its header with the number of facets, and each facet
 
@@ -85,31 +84,40 @@ def encloses(corners: Array, points: Array) -> Mask:
     corners : ndarray, shape (n, 3, 3)
         Triangles [m].
     points : ndarray, shape (k, 3)
-        Points [m], none of them on the surface.
+        Points [m], none of them on the surface or right below one of its edges.
 
     Returns
     -------
     ndarray of bool, shape (k,)
-        Whether the solid angle of a closed part is 4 pi there, and not 0. Parts that are not closed have no inside.
-
-    References
-    ----------
-    van Oosterom & Strackee (1983), eq. 8.
+        Whether a line upwards from there leaves a closed part. Parts that are not closed have no inside.
     """
     import numpy as np
     from trimesh import Trimesh
 
     whole = Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    parts = [np.asarray(part.triangles) for part in whole.split(only_watertight=True)]
     inside = np.zeros(len(points), dtype=bool)
-    for part in whole.split(only_watertight=True):
-        # few points at a time, or a large surface would take gigabytes
-        for rows in np.array_split(np.arange(len(points)), 1 + len(points) * len(part.faces) // AT_ONCE):
-            a, b, c = np.moveaxis(part.triangles[:, :, None] - points[rows], 1, 0)
-            x, y, z = (np.linalg.norm(one, axis=-1) for one in (a, b, c))
-            dots = (a * b).sum(-1) * z + (b * c).sum(-1) * x + (c * a).sum(-1) * y
-            angle = 2 * np.arctan2((a * np.cross(b, c)).sum(-1), x * y * z + dots).sum(axis=0)
-            inside[rows] |= np.abs(angle) > 2 * np.pi
+    for part in parts:
+        low, high = part[:, :, :2].min(axis=1), part[:, :, :2].max(axis=1)
+        for number, (x, y, z) in enumerate(points.tolist()):
+            near = part[((low <= (x, y)) & (high >= (x, y))).all(axis=1)]
+            inside[number] |= (crossings(near, x, y) > z).sum() % 2 == 1
     return inside
+
+
+def crossings(corners: Array, x: float, y: float) -> Array:
+    """Heights, rising, at which the line upwards through (x, y) meets triangles, shape (n, 3, 3)."""
+    import numpy as np
+
+    a, b, c = (corners[:, k, :2] - (x, y) for k in range(3))
+
+    def cross(one: Array, other: Array) -> Array:
+        return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+
+    weights = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
+    hit = (weights > 0).all(axis=1) | (weights < 0).all(axis=1)
+    share = weights[hit] / weights[hit].sum(axis=1, keepdims=True)
+    return np.sort((share * corners[hit, :, 2]).sum(axis=1))
 
 
 def _whole(path: Path, content: bytes, advice: str) -> bytes:
