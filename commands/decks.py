@@ -119,7 +119,7 @@ def _deck(code: Code, rig: str) -> Command:
 
 def deck_of(code: Code, work: partial[Any]) -> Any:
     """The deck of a twin, from the `work` of its command of ``simulate``."""
-    from rigtwin.lab.errors import BadInput
+    from rigtwin.lab.errors import BadInput, worded
     from rigtwin.sim.decks.deck import Deck
 
     rig, (particle, wall, contact, wall_contact) = work.args
@@ -137,10 +137,12 @@ def deck_of(code: Code, work: partial[Any]) -> Any:
     }
     settings["surfaces"] = said.pop("surfaces", None) or None
     settings["notes"] = said.pop("notes", ())
+    located = said.pop("located", str)
     options = {name: value for name, value in said.items() if value is not None}
-    deck = Deck(code, rig, particle, wall, contact, wall_contact, count, options=options, **settings)
-    # what the rig leaves open and a deck must state is part of its rig from here on
-    return replace(deck, rig=deck.scene.rig)
+    with worded(located):
+        deck = Deck(code, rig, particle, wall, contact, wall_contact, count, options=options, **settings)
+        # what the rig leaves open and a deck must state is part of its rig from here on
+        return replace(deck, rig=deck.scene.rig)
 
 
 def _group(code: Code, title: str, card: Command | None) -> typer.Typer:

@@ -126,7 +126,7 @@ def measure_pendulum(
 
 @app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
-@filmed(*FILM, "plate", "bead_at")
+@filmed(*FILM, "plate", "bead_at", "centre")
 @tracked
 def measure_tilt(
     clip: Annotated[

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -593,6 +594,9 @@ def _box(flag: str) -> Callable[[str], Any]:
         corners = [[one.strip() for one in corner.split(",")] for corner in (low, high)]
         if not dots or any(len(corner) != 3 for corner in corners):
             raise BadInput(f"{flag}: {text!r} is no box; write two corners like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
+        for one in (*corners[0], *corners[1]):
+            if re.fullmatch(r"[-+\d.e]*[1-9][-+\d.e]*", one):  # in metres it would be a hall; the STL is in millimetres
+                raise BadInput(f"{flag}: {one} has no unit; write it like {one}mm.")
         return {"low": corners[0], "high": corners[1]}
 
     return read
@@ -691,4 +695,6 @@ def simulate_custom(
     from rigtwin.compare.twins.custom import cast_of_own, custom_twin
 
     cast, surfaces = cast_of_own(own)
-    return partial(custom_twin, own.rig, cast, count=own.count, surfaces=surfaces, notes=own.notes, **run)
+    return partial(
+        custom_twin, own.rig, cast, count=own.count, surfaces=surfaces, notes=own.notes, located=own.located, **run
+    )

@@ -18,6 +18,7 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
+from rigtwin.lab.file.option_names import as_written_in, written_in_lab
 from rigtwin.lab.formatting import siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
@@ -176,8 +177,11 @@ def measure_repetition(
         The measurement, or why there is none.
     """
     try:
-        with unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)):
-            return _measure(experiment, views, out, **more)
+        with (
+            written_in_lab(experiment.rig_name, experiment.particle.name),
+            unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)),
+        ):
+            return as_written_in(_measure(experiment, views, out, **more))
     except RigtwinError as error:
         if isinstance(error, BadInput):
             return Failure(views[0], str(error), error.seen, error.picture)

@@ -107,7 +107,7 @@ class Camera:
     # what is stated instead of being found in the picture; used as stated, with the uncertainty STATED_SIGMA
     ignore: tuple[tuple[float, float, float, float], ...] = ()  # [px], x, y, width, height of each
     bead_at: Seed | None = None  # drop, tilt: where the track begins
-    centre: tuple[Seed, ...] = ()  # drop, pendulum: centre of a bead in frames in which it is not located rightly
+    centre: tuple[Seed, ...] = ()  # drop, pendulum, tilt: centre of a body in frames in which it is not located rightly
     plate: Line | None = None  # drop: surface that the bead hits; tilt: surface of the plate in the first frame
     pivots: tuple[Point, ...] = ()  # pendulum: hinge of bead A, and of bead B
     base: Line | None = None  # pile: left and right end of the line that the heap stands on

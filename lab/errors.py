@@ -17,8 +17,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,14 +131,54 @@ class NothingToMeasure(BadInput):
     """Readable media in which the thing to be measured was not found."""
 
 
+_change: ContextVar[Callable[[str], str]] = ContextVar("_change", default=str)
+
+
+def as_written(text: str) -> str:
+    """Return a message with the names by which the user states things: options, or within `worded` others.
+
+    Parameters
+    ----------
+    text : str
+        The message, which names options.
+
+    Returns
+    -------
+    str
+        The message.
+    """
+    return _change.get()(text)
+
+
 @contextmanager
-def seeing(seen: Seen) -> Iterator[None]:
-    """Add what was seen to a refusal from within that carries nothing of it.
+def worded(change: Callable[[str], str]) -> Iterator[None]:
+    """Change the words of refusals from within, and of what `as_written` is asked within.
+
+    Parameters
+    ----------
+    change : callable
+        Returns a message in other words.
+    """
+    before = _change.set(change)
+    try:
+        yield
+    except BadInput as error:
+        error.message = as_written(error.message)
+        raise
+    finally:
+        _change.reset(before)
+
+
+@contextmanager
+def seeing(seen: Seen, remarks: Sequence[str] = ()) -> Iterator[None]:
+    """Add what was seen to a refusal from within that carries nothing of it, and `remarks` that may explain it.
 
     Parameters
     ----------
     seen : Seen
         What was seen.
+    remarks : sequence of str
+        Sentences after the refusal.
 
     Raises
     ------
@@ -153,4 +194,5 @@ def seeing(seen: Seen) -> Iterator[None]:
         yield
     except NothingToMeasure as error:
         error.seen = error.seen or seen
+        error.message = "; ".join([error.message.rstrip("."), *(each.rstrip(".") for each in remarks)]) + "."
         raise

@@ -49,6 +49,35 @@ class Series:
     unit: str
 
 
+@dataclass(frozen=True)
+class WallLoad:
+    """Force of the particles on a wall and its torque over time, means over the interval that ends at each time."""
+
+    wall: str
+    time: Array  # [s], shape (n,)
+    force: Array  # [N], shape (n, 3)
+    torque: Array  # [N m], shape (n, 3), about the wall's rotation point, which moves with it
+    about_axis: Array | None = None  # [N m], shape (n,), of a wall that turns: that about its axis, right-handed
+
+
+def write_load(path: Path, load: WallLoad) -> None:
+    """Write a load as ``time_s,fx_N,fy_N,fz_N,torque_x_Nm,torque_y_Nm,torque_z_Nm`` and ``torque_axis_Nm``.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    load : WallLoad
+        The load; only that of a wall that turns has a column ``torque_axis_Nm``.
+    """
+    header = ["time_s", *(f"f{axis}_N" for axis in "xyz"), *(f"torque_{axis}_Nm" for axis in "xyz")]
+    columns = [load.time, *load.force.T, *load.torque.T]
+    if load.about_axis is not None:
+        header.append("torque_axis_Nm")
+        columns.append(load.about_axis)
+    _write(path, header, [[f"{value:.9g}" for value in row] for row in zip(*columns, strict=True)])
+
+
 def write_tracks(path: Path, tracks: Sequence[Track]) -> None:
     """Write tracks as ``time_s,x_m,y_m,sigma_m,particle``, one row per body and time; 9 significant digits.
 

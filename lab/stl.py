@@ -13,6 +13,8 @@ from rigtwin.lab.input_files import decoding, read_bytes
 if TYPE_CHECKING:
     from trimesh import Trimesh
 
+    from rigtwin.lab.arrays import Array, Mask
+
 StlUnit = Literal["mm", "cm", "m", "um", "inch"]
 STL_UNITS: dict[StlUnit, float] = {
     "mm": 1e-3,
@@ -72,6 +74,63 @@ def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
         raise BadInput(f"{path}: all its corners are at one place; export it again.")
     mesh.vertices *= unit
     return mesh
+
+
+def encloses(corners: Array, points: Array) -> Mask:
+    """Which points lie inside of a closed part of a surface.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 3, 3)
+        Triangles [m].
+    points : ndarray, shape (k, 3)
+        Points [m], none of them on the surface or right below one of its edges.
+
+    Returns
+    -------
+    ndarray of bool, shape (k,)
+        Whether a line upwards from there leaves a closed part. Parts that are not closed have no inside.
+    """
+    import numpy as np
+    from trimesh import Trimesh
+
+    whole = Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    parts = [np.asarray(part.triangles) for part in whole.split(only_watertight=True)]
+    inside = np.zeros(len(points), dtype=bool)
+    for part in parts:
+        low, high = part[:, :, :2].min(axis=1), part[:, :, :2].max(axis=1)
+        for number, (x, y, z) in enumerate(points.tolist()):
+            near = part[((low <= (x, y)) & (high >= (x, y))).all(axis=1)]
+            inside[number] |= (crossings(near, x, y) > z).sum() % 2 == 1
+    return inside
+
+
+def crossings(corners: Array, x: float, y: float) -> Array:
+    """Return the heights at which the line upwards through (x, y) meets triangles.
+
+    Parameters
+    ----------
+    corners : ndarray, shape (n, 3, 3)
+        Corners of the triangles [m].
+    x, y : float
+        Place of the line [m].
+
+    Returns
+    -------
+    ndarray, shape (k,)
+        Heights [m], rising.
+    """
+    import numpy as np
+
+    a, b, c = (corners[:, k, :2] - (x, y) for k in range(3))
+
+    def cross(one: Array, other: Array) -> Array:
+        return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
+
+    weights = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
+    hit = (weights > 0).all(axis=1) | (weights < 0).all(axis=1)
+    share = weights[hit] / weights[hit].sum(axis=1, keepdims=True)
+    return np.sort((share * corners[hit, :, 2]).sum(axis=1))
 
 
 def _whole(path: Path, content: bytes, advice: str) -> bytes:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rigtwin.lab.clumps import Clump, Vector, apart, principal_axes
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.stl import stl_facets
+from rigtwin.lab.stl import crossings, stl_facets
 
 if TYPE_CHECKING:
     import numpy as np
@@ -448,25 +448,10 @@ def _points_inside(corners: Array, volume: float, rng: np.random.Generator) -> A
     columns = np.stack(np.meshgrid(axes[0], axes[1], indexing="ij"), axis=-1).reshape(-1, 2) + 1e-7 * pitch
     found = [np.zeros((0, 3))]
     for x, y in columns:
-        heights = _crossings(corners, x, y)
+        heights = crossings(corners, x, y)
         within = np.searchsorted(heights, axes[2]) % 2 == 1
         found.append(np.column_stack([np.full(within.sum(), x), np.full(within.sum(), y), axes[2][within]]))
     return np.asarray(rng.permutation(np.concatenate(found)))
-
-
-def _crossings(corners: Array, x: float, y: float) -> Array:
-    """Heights, rising, at which the line upwards through (x, y) meets triangles, shape (n, 3, 3)."""
-    import numpy as np
-
-    a, b, c = (corners[:, k, :2] - (x, y) for k in range(3))
-
-    def cross(one: Array, other: Array) -> Array:
-        return np.asarray(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
-
-    weights = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=1)
-    hit = (weights > 0).all(axis=1) | (weights < 0).all(axis=1)
-    share = weights[hit] / weights[hit].sum(axis=1, keepdims=True)
-    return np.sort((share * corners[hit, :, 2]).sum(axis=1))
 
 
 def _depth(corners: Array, point: Array) -> float:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
 from rigtwin.compare.twins import by_name
 from rigtwin.compare.twins.many_body import Cast, Computed, bulk_twin
 from rigtwin.compare.twins.twin import Twin
+from rigtwin.lab.errors import worded
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Quantity
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from rigtwin.lab.custom_rig import CustomRig
     from rigtwin.lab.file.own_rigs import OwnRig
     from rigtwin.lab.materials import Contact, Material
-    from rigtwin.sim.custom import Course
+    from rigtwin.sim.custom import CustomRun
     from rigtwin.sim.run.set_up import Numerics
 
 NAME = "custom"
@@ -62,6 +63,7 @@ def custom_twin(
     seed: int,
     surfaces: Mapping[str, tuple[Material, Contact]] | None = None,
     notes: Sequence[str] = (),
+    located: Callable[[str], str] = str,
     progress: Progress = silent,
     **numerics: Unpack[Numerics],
 ) -> Twin:
@@ -81,6 +83,8 @@ def custom_twin(
         Material and contact of walls that are of another material than `cast.wall`, by name.
     notes : sequence of str
         Remarks on the rig, which go among the warnings.
+    located : callable
+        Puts file and line before a refusal, where the rig is one of a file (`OwnRig.located`).
     progress : Progress
         Called with step, number and count.
     **numerics
@@ -99,7 +103,8 @@ def custom_twin(
     from rigtwin.sim import custom
 
     begun = time.perf_counter()
-    course = custom.run(rig, *cast, count=count, seed=seed, surfaces=surfaces, progress=progress, **numerics)
+    with worded(located):
+        course = custom.run(rig, *cast, count=count, seed=seed, surfaces=surfaces, progress=progress, **numerics)
     twin = custom_result(rig, cast, course, Computed(begun, seed, numerics.get("threads")), surfaces=surfaces)
     return replace(twin, warnings=(*notes, *twin.warnings))
 
@@ -107,7 +112,7 @@ def custom_twin(
 def custom_result(
     rig: CustomRig,
     cast: Cast,
-    course: Course,
+    course: CustomRun,
     computed: Computed,
     *,
     surfaces: Mapping[str, tuple[Material, Contact]] | None = None,
@@ -118,7 +123,7 @@ def custom_result(
     ----------
     rig, cast : CustomRig, Cast
         As for `custom_twin`.
-    course : Course
+    course : CustomRun
         What happened in the run.
     computed : Computed
         How it was computed.
@@ -156,7 +161,8 @@ def custom_result(
         "time_s": course.time,
         "walls": {name: material.name for name, (material, _) in (surfaces or {}).items()},
     }
-    return bulk_twin(
+    twin = bulk_twin(
         NAME, rig, cast, course, Evaluation(tuple(found)), computed, numbers, series=course.series,
         draw=lambda: custom.picture(rig, course),
     )  # fmt: skip
+    return replace(twin, loads=course.loads)

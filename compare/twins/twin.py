@@ -15,7 +15,17 @@ from rigtwin.lab.custom_rig import CustomRig
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Evaluation, Quantity, Readable
-from rigtwin.lab.records import Profile, Series, Track, write_profile, write_profiles, write_series, write_tracks
+from rigtwin.lab.records import (
+    Profile,
+    Series,
+    Track,
+    WallLoad,
+    write_load,
+    write_profile,
+    write_profiles,
+    write_series,
+    write_tracks,
+)
 from rigtwin.lab.rigs import Rig
 
 
@@ -32,6 +42,8 @@ class Twin(Readable):
     series: tuple[Series, ...] = ()
     surfaces: tuple[Profile, ...] = ()
     """Profiles of a moving surface, at the times of `series`."""
+    loads: tuple[WallLoad, ...] = ()
+    """Forces and torques of the particles on walls."""
     assumptions: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     failed: str = ""
@@ -85,6 +97,9 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
         name = f"{twin.rig}-twin-{item.quantity}.csv"
         files[item.quantity] = out / name
         write_series(out / name, item)
+    for load in twin.loads:
+        files[f"load_on_{load.wall}"] = out / f"{twin.rig}-twin-load_on_{load.wall}.csv"
+        write_load(files[f"load_on_{load.wall}"], load)
     for number, profile in enumerate(twin.profiles, start=1):
         name = f"{twin.rig}-twin-profile-{number}.csv"
         files[f"record_{number}"] = out / name

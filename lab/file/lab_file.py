@@ -17,6 +17,7 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.file.option_names import written_in_lab
 from rigtwin.lab.file.own_particles import filling_in_words
 from rigtwin.lab.file.repetitions import Views, expanded
 from rigtwin.lab.file.schema import (
@@ -373,7 +374,7 @@ def _experiment(
         *wrong,
         *more_wrong,
         *(_media_problems(entry, repetitions, places) if allow_outside or not outside else outside),
-        *_camera_problems(entry.camera, entry.rig, folder, (*key, "camera"), allow_outside),
+        *_camera_problems(entry.camera, entry, folder, (*key, "camera"), allow_outside),
         *_file_problems(entry, folder, repetitions, key, allow_outside),
         *_idle(entry, key),
     ]
@@ -472,11 +473,21 @@ def _outside(folder: Path, repetitions: Sequence[Views], places: Sequence[Key]) 
                 yield Problem(place, f"{view} {OUTSIDE}")
 
 
-def _camera_problems(camera: CameraEntry, rig: str, folder: Path, key: Key, allow_outside: bool) -> list[Problem]:
+def _camera_problems(
+    camera: CameraEntry, entry: ExperimentEntry, folder: Path, key: Key, allow_outside: bool
+) -> list[Problem]:
     board = camera.board
     if board is not None and not allow_outside and lies_outside(folder / board.photo, folder):
         return [Problem((*key, "board"), f"{folder / board.photo} {OUTSIDE}")]
-    return [Problem((*key, name), why) for name, why in camera.faults(folder, rig)]
+    found = [Problem((*key, name), why) for name, why in camera.faults(folder, entry.rig)]
+    if found:
+        return found
+    try:
+        with written_in_lab(entry.rig, entry.particle):
+            camera.camera(folder)
+    except BadInput as error:
+        return [Problem(key, str(error))]
+    return []
 
 
 def _file_problems(
@@ -490,7 +501,7 @@ def _file_problems(
         if folder / name not in known:
             yield Problem(place, f"is none of the repetitions; {suggestion(name, names)}.")
         else:
-            yield from _camera_problems(file.over(entry.camera), entry.rig, folder, place, allow_outside)
+            yield from _camera_problems(file.over(entry.camera), entry, folder, place, allow_outside)
 
 
 def _idle(entry: ExperimentEntry, key: Key) -> Iterator[Problem]:

@@ -43,6 +43,7 @@ class Inventory:
         self.borrowed: list[str] = []
         self.problems: list[Problem] = []
         self.particles: dict[str, Particle] = {}
+        self._refused: set[str] = set()  # particles of the file that cannot be made
         self.contacts: dict[Pair, KnownContact] = {}
         self.materials = {
             name: Material(name, entry.density, entry.youngs_modulus, entry.poisson_ratio)
@@ -120,6 +121,8 @@ class Inventory:
         """
         if name in self.particles:
             return self.particles[name]
+        if name in self._refused:
+            return None
         if name in self.file.particles:
             return self._own_particle(name, self.file.particles[name])
         if name not in hlosta2020.NAMES:
@@ -167,16 +170,15 @@ class Inventory:
         return self.material(entry.material, (*key, "material"))
 
     def _own_particle(self, name: str, entry: ParticleEntry) -> Particle | None:
-        key: Key = ("particles", name)
         solid = self._solid(name, entry)
-        if solid is None:
-            return None
-        found = own_particle(name, entry, solid, key, self._folder, self._allow_outside)
-        if not isinstance(found, Particle):
+        if solid is not None:
+            found = own_particle(name, entry, solid, ("particles", name), self._folder, self._allow_outside)
+            if isinstance(found, Particle):
+                self.particles[name] = found
+                return found
             self.problems += found
-            return None
-        self.particles[name] = found
-        return found
+        self._refused.add(name)
+        return None
 
     def _read_contact(self, name: str) -> None:
         key: Key = ("contacts", name)

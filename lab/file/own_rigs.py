@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.file.schema import (
     CustomRigEntry,
+    Document,
     LabFile,
     Problem,
     RegionEntry,
@@ -48,8 +49,40 @@ _ANY: dict[str, Any] = {  # keys that an entry must have
     "wall": "steel",
     "walls": {"wall": {"stl": "wall.stl"}},
 }
+_KEY = re.compile(r"[a-z_]+(\.[A-Za-z0-9_-]+)*")
 NAMES = re.compile(r"[A-Za-z0-9_-]{1,60}")  # of walls and regions
 MOTIONS = ("velocity", "rotation_speed", "vibration_amplitude")
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Where the keys of a rig stand."""
+
+    document: Document
+    key: Key
+    instead: frozenset[str]  # keys that options state in their place
+
+    def located(self, refusal: str) -> str:
+        """Return a refusal with its place, as `OwnRig.located` does.
+
+        Parameters
+        ----------
+        refusal : str
+            The sentence.
+
+        Returns
+        -------
+        str
+            The sentence.
+        """
+        begins = _KEY.match(refusal)
+        if begins is None:
+            return refusal
+        names = begins[0].split(".")
+        if names[0] in self.instead or (*self.key, names[0]) not in self.document.lines:
+            return refusal
+        line = self.document.line((*self.key, *names))
+        return f"{self.document.path}, line {line}: {dotted(self.key)}.{refusal}"
 
 
 @dataclass(frozen=True)
@@ -64,6 +97,23 @@ class OwnRig:
     model: Model
     notes: tuple[str, ...] = ()
     """What is odd about an STL file."""
+    stated: Stated | None = None
+    """Where its keys stand; None where it is of no file."""
+
+    def located(self, refusal: str) -> str:
+        """Return a refusal that begins with a key, like ``walls.cup: ...``, with its file and line before it.
+
+        Parameters
+        ----------
+        refusal : str
+            The sentence.
+
+        Returns
+        -------
+        str
+            The sentence, unchanged where the key is in no file.
+        """
+        return refusal if self.stated is None else self.stated.located(refusal)
 
 
 def read_own_rig(
@@ -111,7 +161,7 @@ def read_own_rig(
             if problem.key[: len(reading.key)] == reading.key and part and part[0] in (instead or {}):
                 raise BadInput(f"{_said(part)}: {problem.what}")
         raise document.error(inventory.problems)
-    return found
+    return replace(found, stated=Stated(document, reading.key, frozenset(instead or ())))
 
 
 def rig_of_keys(keys: Mapping[str, Any], lab: Path | None = None) -> OwnRig:

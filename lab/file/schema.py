@@ -691,7 +691,7 @@ class ContactEntry(_Entry):
 _OF_CAMERA = [field.name for field in fields(camera.Camera)]
 _ONLY_OF: dict[str, tuple[str, ...]] = {
     "bead_at": ("drop", "tilt"),
-    "centre": ("drop", "pendulum"),
+    "centre": ("drop", "pendulum", "tilt"),
     "plate": ("drop", "tilt"),
     "pivot": ("pendulum",),
     "base": ("pile",),

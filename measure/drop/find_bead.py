@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.camera import Camera, Seed
+from rigtwin.lab.camera import Camera, Point, Seed
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Track
@@ -51,7 +51,7 @@ class _Found:
     repeats: frozenset[int]  # frames that repeat the one before
     losses: tuple[Loss, ...]
     fitted: Bounces | None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # on stated centres that disagree with the picture
 
 
 def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float | None, progress: Progress) -> _Found:
@@ -72,10 +72,15 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         ranked, likely = _likely(moves.paths, size)
     if not likely:
         raise _no_path(video, camera, moves.paths)
+
+    def followed(path: SpotPath, *, shadows: bool = False) -> _Tried:
+        seen = chase_path(video, path, moves, progress, shadows=shadows)
+        found = _in_true_time(video, with_stated(seen, centres, video.times), doubled, drag)
+        return _tried(replace(found, warnings=_contradictions(seen, centres, video)))
+
     tried: list[_Tried] = []
     for path in likely:
-        seen = with_stated(chase_path(video, path, moves, progress), centres, video.times)
-        tried.append(_tried(_in_true_time(video, seen, doubled, drag)))
+        tried.append(followed(path))
         if tried[-1].sound:
             break
     if not (tried[0].sound and tried[0].whole) and camera.bead_at is None:
@@ -83,13 +88,12 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
         bead = picture_on_path(video, ranked[0], moves)
         again = [] if bead is None else paths_by_look(video, bead, moves, camera.region, progress)
         for path in sorted(again, key=lambda path: -likeness(path, size))[:1]:
-            seen = with_stated(chase_path(video, path, moves, progress, shadows=True), centres, video.times)
-            tried.append(_tried(_in_true_time(video, seen, doubled, drag)))
+            tried.append(followed(path, shadows=True))
     found = _best(tried)
     if found.fitted is not None:
         expected = _expected(found.seen, found.pixels, found.fitted, found.video)
         better = look_again(found.seen, {index: at for index, at in expected.items() if index not in doubled})
-        warnings = tuple(contradictions(better, centres, video.in_file))
+        warnings = _contradictions(better, centres, video)
         better = with_stated(better, centres, found.video.times)
         return replace(found, seen=better, pixels=_pixel_track(better), warnings=warnings)
     if len(found.pixels.time) <= FEWEST_SEEN:
@@ -101,6 +105,11 @@ def find_bead(video: Video, camera: Camera, drag: AirDrag, bead_diameter: float 
             Seen(frame=path.frames[len(path.frames) // 2], marks=marks_of([path])),
         )
     return found
+
+
+def _contradictions(seen: Chase, centres: Mapping[int, tuple[Point, ...]], video: Video) -> tuple[str, ...]:
+    places = {each.frame: tuple(np.add(each.place, each.shake).tolist()) for each in seen.sightings}
+    return tuple(contradictions(places, seen.radius, centres, video.in_file))
 
 
 def _no_path(video: Video, camera: Camera, paths: Sequence[SpotPath]) -> NothingToMeasure:

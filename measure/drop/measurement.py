@@ -178,7 +178,7 @@ def _measure_film(
     video = at_its_pace(open_video(clip, camera), progress)
     found = find_bead(video, camera, drag, bead_diameter, progress)
     video, seen, pixels, repeats = found.video, found.seen, found.pixels, found.repeats
-    with seeing(_track_seen(found.seen)):
+    with seeing(_track_seen(found.seen), found.warnings):
         in_picture = bounces_of(pixels, drag, str(clip), filmed=True)
     depth = find_depth(seen, pixels, in_picture)
     if depth is not None:

@@ -127,7 +127,7 @@ def measure(
     scale, scale_from = scale_of(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks, axis, stated = upright(film, camera_axis(video), scale, roll)
-    with seeing(tracks_seen(film.beads)):
+    with seeing(tracks_seen(film.beads), film.warnings):
         fit = fit_clip(clip, tracks, axis=axis, ground=GROUND, stated=stated)
     evaluation = judge(
         fit,
@@ -164,6 +164,7 @@ def measure(
         checks=checks,
         warnings=(
             *video.warnings,
+            *film.warnings,
             *roll_warning(film.fit, camera),
             *evaluation.warnings,
             *([UNCONFIRMED] if by_gravity else ()),

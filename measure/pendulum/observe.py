@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from rigtwin.measure.pendulum.track_one_bead import find_wall_bead, images_by_fr
 from rigtwin.measure.pendulum.track_two_beads import Beads, find_beads, relocate
 from rigtwin.measure.tracking.colour_channel import LUMA
 from rigtwin.measure.tracking.follow import Chase, look_again
-from rigtwin.measure.tracking.stated_centres import moved_to, stated_centres, with_stated
+from rigtwin.measure.tracking.stated_centres import contradictions, moved_to, stated_centres, with_stated
 
 # Shift of a bead's centre by the background texture and the codec, over the noise of a point.  It depends on position
 # or drifts in time, so it does not average out.  Maximum likelihood of the errors of beads in 15 drawn films of known
@@ -43,40 +43,48 @@ class Film:
     times: Array  # [s], of every frame
     fit: SwingFit
     losses: tuple[Loss, ...] = ()  # lost frames; `times` are corrected for the certain ones
+    warnings: tuple[str, ...] = ()  # on stated centres that disagree with the picture
 
 
 def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     """Both beads of a double pendulum in every frame, and their swings; `length` [m] is used in messages only."""
     by_hand = stated_centres(video, camera, beads=2)
-    beads = _with_stated(find_beads(video, camera.region, stated_length=length, progress=progress), by_hand)
-    times, fit, losses = _swings(video, beads, camera)
+    located = find_beads(video, camera.region, stated_length=length, progress=progress)
+    beads = _with_stated(located, by_hand)
+    times, fit, losses = _swings(video, beads, camera, _contradictions(located, beads, video))
     places, velocities, again = _second_look(fit, beads, times)
-    beads = _with_stated(relocate(video, beads, places, velocities, again), by_hand)
-    return Film(beads, times, fit, losses)
+    located = relocate(video, beads, places, velocities, again)
+    beads = _with_stated(located, by_hand)
+    return Film(beads, times, fit, losses, _contradictions(located, beads, video))
 
 
 def watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     by_hand = stated_centres(video, camera)
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
+    located = _one_bead(chase, video)
     beads = _one_bead(with_stated(chase, by_hand, video.times), video)
-    times, fit, losses = _swings(video, beads, camera)
+    times, fit, losses = _swings(video, beads, camera, _contradictions(located, beads, video))
     places, velocities, again = _second_look(fit, beads, times)
     expected = {
         int(beads.frames[k]): ((float(x), float(y)), (float(u), float(v)))
         for k, ((x, y), (u, v)) in enumerate(zip(places[0], velocities[0], strict=True))
         if again[0, k]
     }
-    beads = _one_bead(with_stated(look_again(chase, expected), by_hand, video.times), video)
-    with seeing(tracks_seen(beads)):
+    chase = look_again(chase, expected)
+    located, beads = _one_bead(chase, video), _one_bead(with_stated(chase, by_hand, video.times), video)
+    remarks = _contradictions(located, beads, video)
+    with seeing(tracks_seen(beads), remarks):
         tracks = picture_tracks(beads, times)
         fit = fit_clip(video.path, tracks, axis=camera_axis(video), stated=picture_pivots(camera))
-    return Film(beads, times, fit, losses)
+    return Film(beads, times, fit, losses, remarks)
 
 
-def _swings(video: Video, beads: Beads, camera: Camera) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
+def _swings(
+    video: Video, beads: Beads, camera: Camera, remarks: Sequence[str]
+) -> tuple[Array, SwingFit, tuple[Loss, ...]]:
     """Times [s] of all frames corrected for lost frames, the swings, and the lost frames."""
     times = video.times[beads.frames]
-    with seeing(tracks_seen(beads)):
+    with seeing(tracks_seen(beads), remarks):
         stated = picture_pivots(camera)
         losses, fit = find_losses(
             times,
@@ -129,6 +137,20 @@ def _with_stated(beads: Beads, stated: Mapping[int, tuple[Point, ...]]) -> Beads
             like = seen[bead][min(seen[bead], key=lambda j: abs(j - k))]
             images[bead][k] = moved_to(like, points[point], beads.shakes[k])
     return replace(beads, images=tuple(images))
+
+
+def _contradictions(located: Beads, beads: Beads, video: Video) -> tuple[str, ...]:
+    """Sentences on stated centres of `beads` that are far from where they are located in the same frames."""
+    said: list[str] = []
+    for before, after, look in zip(located.images, beads.images, beads.looks, strict=True):
+        seen: dict[int, Point] = {}
+        stated: dict[int, tuple[Point, ...]] = {}
+        for k, (one, other) in enumerate(zip(before, after, strict=True)):
+            if one is not None and other is not None and (one.x, one.y) != (other.x, other.y):
+                frame, (x, y) = int(beads.frames[k]), beads.shakes[k].tolist()
+                seen[frame], stated[frame] = (one.x + x, one.y + y), ((other.x + x, other.y + y),)
+        said += contradictions(seen, look.radius, stated, video.in_file)
+    return tuple(said)
 
 
 def picture_tracks(beads: Beads, times: Array) -> tuple[Track, ...]:

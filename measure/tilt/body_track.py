@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from rigtwin.lab.arrays import Array, FloatImage
-from rigtwin.lab.camera import Seed
+from rigtwin.lab.camera import STATED_SIGMA, Point, Seed
 from rigtwin.measure.robust import MAD_TO_STD, mad_std
 from rigtwin.measure.tilt.plate_angle import Arm
 
@@ -47,6 +47,14 @@ class RestingBody:
     centre: tuple[float, float]  # [px], along and across
     size: tuple[float, float]  # [px], along and across
     rests: tuple[int, ...]  # sample frames in which it is taken to be at rest, ascending
+
+    def at(self, step: Step) -> Point:
+        """Its centre [px] along and across the arm, displaced by `step`."""
+        return self.centre[0] + step.along, self.centre[1] + step.across
+
+    def stated(self, at: Point) -> Step:
+        """Its displacement to a centre [px] along and across the arm that the user states."""
+        return Step(at[0] - self.centre[0], at[1] - self.centre[1], STATED_SIGMA, 1.0)
 
 
 @dataclass(frozen=True)

@@ -179,8 +179,7 @@ def picture_marks(film: Film) -> tuple[Mark, ...]:
             edges.append(_place(film, direction, float(film.arm.along[column]), top.row, shake))
             edge_frames.append(frame)
         if (step := film.steps[k]) is not None:
-            body = (film.body.centre[0] + step.along, film.body.centre[1] + step.across)
-            bodies.append(_place(film, direction, *body, shake))
+            bodies.append(_place(film, direction, *film.body.at(step), shake))
             body_frames.append(frame)
     return (
         Mark("plate", edges, kind="plate", frames=edge_frames),
@@ -205,17 +204,14 @@ def _mark(picture: Image, film: Film, k: int) -> None:
     draw_cross(picture, _moved(film.arm.pivot, shake), 6, YELLOW)
     step = film.steps[k]
     if step is not None:
-        x, y = film.body.centre[0] + step.along, film.body.centre[1] + step.across
+        x, y = film.body.at(step)
         wide, high = film.body.size[0] / 2, film.body.size[1] / 2
         corners = [(x - wide, y - high), (x + wide, y - high), (x + wide, y + high), (x - wide, y + high)]
         draw_path(picture, [_place(film, direction, *corner, shake) for corner in corners], ORANGE, closed=True)
 
 
 def _place(film: Film, direction: float, along: float, across: float, shake: Array) -> tuple[float, float]:
-    cos, sin = math.cos(direction), math.sin(direction)
-    x = film.arm.pivot[0] + along * cos - across * sin + shake[0]
-    y = film.arm.pivot[1] + along * sin + across * cos + shake[1]
-    return float(x), float(y)
+    return _moved(film.arm.in_picture((along, across), direction), shake)
 
 
 def _moved(point: tuple[float, float], shake: Array) -> tuple[float, float]:

@@ -114,7 +114,7 @@ def measure(
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         return plate, track, way, *onset_of(way, str(clip))
 
-    with seeing(Seen(frame=video.first, marks=body_seen(film))):
+    with seeing(Seen(frame=video.first, marks=body_seen(film)), film.warnings):
         plate, track = record(film, gauge)
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         if at_rest(way):
@@ -150,7 +150,7 @@ def measure(
         source_sha256=sha256(clip),
         quantities=quantities,
         checks=checks,
-        warnings=(*video.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
+        warnings=(*video.warnings, *film.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
         camera=_view(video, gauge, camera),
         tracks=(track,),
         series=(plate,),
@@ -215,7 +215,7 @@ def _of_plate_at_rest(
         source_sha256=sha256(clip),
         quantities=judged_of_incline(quantities, checks),
         checks=checks,
-        warnings=(*video.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
+        warnings=(*video.warnings, *film.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
         camera=_view(video, gauge, camera),
         tracks=(track,),
         series=(plate,),

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage
-from rigtwin.lab.camera import Camera, Line
+from rigtwin.lab.camera import Camera, Line, Point
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Series, Track
@@ -33,9 +33,10 @@ from rigtwin.measure.tilt.onset import (
     Way,
     jitter,
 )
-from rigtwin.measure.tilt.plate_angle import STATED_REACH, Arm, arm_at_rest, find_arm, lay_over
+from rigtwin.measure.tilt.plate_angle import STATED_REACH, Arm, arm_at_rest, find_arm, in_arm, lay_over
 from rigtwin.measure.tracking.find_paths import find_paths
 from rigtwin.measure.tracking.link import SpotPath
+from rigtwin.measure.tracking.stated_centres import contradictions, stated_centres
 
 PERSPECTIVE = math.radians(0.02)  # standard uncertainty for a plate that is not quite parallel to the picture
 
@@ -44,6 +45,8 @@ GIVEN_ROLL = math.radians(0.1)  # standard uncertainty of a stated camera roll
 MOVED = 0.08  # [px], registration error of a body that has left the pixels on which it rested
 
 AT_REST = 0.1  # [px], displacement up to which it has not left them
+
+MOST_LOST = 20  # frames without the body after which it is looked for no more, unless its centre is stated
 
 NO_LEVEL = math.radians(1.0)  # standard uncertainty of an unknown camera roll
 
@@ -78,6 +81,7 @@ class Film:
     shown: npt.NDArray[np.bool_]  # whether the plate turns far enough to show a missing frame, shape (n,)
     repeated: int = 0  # frames of the run that repeat the one before and delay all that follow
     lost_in_run: int = 0  # frames of the run that are missing by the motion of the body, but not by the plate's turn
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,7 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
 
     Raises `NothingToMeasure` if no straight arm turns, or no body rests on it first and leaves later.
     """
+    centres = stated_centres(video, camera)
     learnt = learn_scene(video)
     scene = learnt.scene()
     stack = np.stack(list(_laid_over(scene, learnt).values()))
@@ -166,7 +171,7 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
             f"--bead-at frame:x,y, or let the record begin at least 0.2 s before the body lets go.",
             _arm_seen(arm, body.frame),
         )
-    return _follow(video, scene, arm, level, body, uphill, progress)
+    return _follow(video, scene, arm, level, body, uphill, centres, progress)
 
 
 def line_of_motion(paths: Sequence[SpotPath]) -> Line | None:
@@ -203,12 +208,11 @@ def _turns(arm: Arm) -> str:
 def _arm_seen(arm: Arm, frame: int) -> Seen:
     """The edges of the arm that were found, for the picture of a refusal."""
     nearest = min(arm.directions, key=lambda number: abs(number - frame))
-    cos, sin = math.cos(arm.directions[nearest]), math.sin(arm.directions[nearest])
+    direction = arm.directions[nearest]
     marks = []
     for edge in arm.edges:
         ends = [(float(arm.along[column]), edge.row) for column in (edge.start, edge.end)]
-        places = [(arm.pivot[0] + u * cos - v * sin, arm.pivot[1] + u * sin + v * cos) for u, v in ends]
-        marks.append(Mark("", places))
+        marks.append(Mark("", [arm.in_picture(end, direction) for end in ends]))
     return Seen(frame=nearest, marks=(*marks, Mark("axis", [arm.pivot])))
 
 
@@ -217,9 +221,7 @@ def body_seen(film: Film) -> tuple[Mark, ...]:
     track = []
     for direction, step in zip(film.directions, film.steps, strict=True):
         if step is not None and math.isfinite(direction):
-            u, v = film.body.centre[0] + step.along, film.body.centre[1] + step.across
-            cos, sin = math.cos(direction), math.sin(direction)
-            track.append((film.arm.pivot[0] + u * cos - v * sin, film.arm.pivot[1] + u * sin + v * cos))
+            track.append(film.arm.in_picture(film.body.at(step), direction))
     return (*_arm_seen(film.arm, int(film.frames[0])).marks, Mark("body", track))
 
 
@@ -238,15 +240,42 @@ def _laid_over(scene: Scene, learnt: Background) -> dict[int, FloatImage]:
     return {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
 
 
+@dataclass(frozen=True)
+class _Guess:
+    """Where the body may be in one frame, and how fast: what it is looked for by in the next one."""
+
+    place: Array  # [px], along and across the arm, from its place at rest
+    speed: float = 0.0  # [px/interval]
+    slack: float = 0.0  # [px], how far from there it is looked for beyond what it may have moved
+
+    def seen(self, step: Step, lasts: float, slack: float = 0.0) -> _Guess:
+        """After `lasts` intervals, at the end of which it is seen there."""
+        moved = (step.along - self.place[0]) / max(lasts, 0.5)
+        return _Guess(np.array([step.along, step.across]), moved if abs(moved) > 0.5 else 0.0, slack)
+
+    def lost(self, lasts: float, slack: float = 0.0) -> _Guess:
+        """After `lasts` intervals without a sight of it."""
+        return _Guess(self.place + np.array([self.speed * lasts, 0.0]), self.speed, slack)
+
+
 def _follow(
-    video: Video, scene: Scene, arm: Arm, level: Level | None, body: RestingBody, uphill: int, progress: Progress
+    video: Video,
+    scene: Scene,
+    arm: Arm,
+    level: Level | None,
+    body: RestingBody,
+    uphill: int,
+    centres: Mapping[int, tuple[Point, ...]],
+    progress: Progress,
 ) -> Film:
-    """Arm and body in every frame, each predicted from the frames before."""
+    """Arm and body in every frame, each predicted from the frames before; in some the body's centre is stated."""
     numbers, directions, sigmas, steps, poses = [], [], [], [], []
     shake = (0.0, 0.0)
     known = sorted(arm.directions)
     sampled = np.array([arm.directions[n] for n in known])
-    place, speed, lost = np.zeros(2), 0.0, 0
+    last = _Guess(np.zeros(2))  # where the body was last seen
+    guesses, lost, since = [last], 0, 0.0  # the likeliest first; frames and intervals since the body was last seen
+    beside: dict[int, Point] = {}  # where the body is seen in frames in which its centre is stated
     usual, before = float(np.median(np.diff(video.times))), math.nan
     for frame in video.frames():
         # number of frame intervals since the last frame: the body moves further if frames are missing
@@ -257,23 +286,25 @@ def _follow(
         guess = float(np.interp(frame.index, known, sampled))
         turn = lay_over(arm, view.grey, guess, reach=6)
         direction = guess if turn is None else turn.direction
-        step = None
-        if lost < 20:
-            # from frame to frame it may accelerate by a large share of its size
-            expected = place + np.array([speed * lasts, 0.0])
-            step = follow(arm, body, view.grey, direction, expected.tolist(), 1.0)
-            if step is None or abs(speed) > 1.0 or abs(step.along - place[0]) > 1.0:
-                reach = 6.0 + 0.6 * abs(speed) * lasts + 1.5 * lost
-                wide = follow(arm, body, view.grey, direction, expected.tolist(), reach)
-                if wide is None or step is None or wide.likeness > step.likeness + 0.01:
-                    step = wide if wide is not None else step
+        step, since = None, since + lasts
+        for one in guesses if lost < MOST_LOST else ():
+            step = _located(arm, body, view.grey, direction, one, lasts)
             if step is not None:
-                moved = (step.along - place[0]) / max(lasts, 0.5)
-                speed = moved if abs(moved) > 0.5 else 0.0
-                place, lost = np.array([step.along, step.across]), 0
-            elif frame.index > body.rests[-1]:
+                guesses = [one.seen(step, lasts)]
+                break
+        else:
+            if frame.index > body.rests[-1]:
                 lost += 1
-                place = expected
+                guesses = [each.lost(lasts, 1.5 * lost) for each in guesses]
+        for at in centres.get(frame.index, ()):
+            if step is not None:
+                beside[frame.index] = _shifted(arm.in_picture(body.at(step), direction), view.shake)
+            # the mean speed since the body was last seen; where it is not seen next, it is looked for as without
+            others = guesses if step is not None else []
+            step = body.stated(in_arm(_shifted(at, view.shake, -1), arm.pivot, direction))
+            guesses = [last.seen(step, since, STATED_REACH), *others]
+        if step is not None:
+            last, lost, since = guesses[0], 0, 0.0
         numbers.append(frame.index)
         directions.append(math.nan if turn is None else turn.direction)
         sigmas.append(math.nan if turn is None else turn.sigma)
@@ -296,7 +327,27 @@ def _follow(
         scene.picture,
         gaps.missing,
         gaps.shown,
+        warnings=tuple(contradictions(beside, min(body.size) / 2, centres, video.in_file)),
     )
+
+
+def _located(
+    arm: Arm, body: RestingBody, grey: FloatImage, direction: float, guess: _Guess, lasts: float
+) -> Step | None:
+    """The body in a frame, `lasts` intervals after the one before."""
+    expected = guess.lost(lasts).place.tolist()
+    step = follow(arm, body, grey, direction, expected, 1.0)
+    if step is None or abs(guess.speed) > 1.0 or abs(step.along - guess.place[0]) > 1.0:
+        # from frame to frame it may accelerate by a large share of its size
+        reach = 6.0 + 0.6 * abs(guess.speed) * lasts + guess.slack
+        wide = follow(arm, body, grey, direction, expected, reach)
+        if wide is None or step is None or wide.likeness > step.likeness + 0.01:
+            step = wide if wide is not None else step
+    return step
+
+
+def _shifted(at: Point, shake: Point, sign: int = 1) -> Point:
+    return at[0] + sign * shake[0], at[1] + sign * shake[1]
 
 
 def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:

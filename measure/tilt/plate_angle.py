@@ -66,7 +66,13 @@ class Arm:
         """A place of the picture [px] in a sample frame or between two of them, along and across the arm."""
         numbers = sorted(self.directions)
         direction = float(np.interp(frame, numbers, [self.directions[n] for n in numbers]))
-        return _in_arm(at, self.pivot, direction)
+        return in_arm(at, self.pivot, direction)
+
+    def in_picture(self, at: Point, direction: float) -> Point:
+        """A place along and across the arm [px] in the still scene, where the arm has this direction [rad]."""
+        cos, sin = math.cos(direction), math.sin(direction)
+        x, y = at[0] * cos - at[1] * sin, at[0] * sin + at[1] * cos
+        return float(self.pivot[0] + x), float(self.pivot[1] + y)
 
     @property
     def tilt(self) -> float:
@@ -271,7 +277,7 @@ def _picture_of(
         middle, noise = _still(np.stack(cuts))
         edges, span = _edges(middle, noise, along, across, width), None
         if plate is not None:
-            ends = [_in_arm(end, pivot, directions[numbers[0]]) for end in plate]
+            ends = [in_arm(end, pivot, directions[numbers[0]]) for end in plate]
             surface = float(np.mean([row for _, row in ends]))
             edges = tuple(edge for edge in edges if edge.row > surface - STATED_REACH)
             if turn == 3 and all(edge.row > surface + STATED_REACH for edge in edges):
@@ -288,7 +294,7 @@ def _picture_of(
     return arm
 
 
-def _in_arm(place: Point, pivot: Point, direction: float) -> Point:
+def in_arm(place: Point, pivot: Point, direction: float) -> Point:
     """A place of the picture [px] along and across an arm of this direction [rad]."""
     x, y = place[0] - pivot[0], place[1] - pivot[1]
     cos, sin = math.cos(direction), math.sin(direction)

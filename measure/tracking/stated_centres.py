@@ -41,7 +41,7 @@ def stated_centres(video: Video, camera: Camera, beads: int = 1) -> dict[int, tu
     """
     found: dict[int, list[Point]] = defaultdict(list)
     for one in camera.centre:
-        where = f"{video.path}: --centre {one.frame}:{one.at[0]:g},{one.at[1]:g}"
+        where = f"{video.path}: {_said(one.frame, one.at)}"
         frame = video.frame_of(one.frame)
         if not video.first <= frame <= video.last:
             raise BadInput(
@@ -57,26 +57,29 @@ def stated_centres(video: Video, camera: Camera, beads: int = 1) -> dict[int, tu
     return {frame: tuple(points) for frame, points in found.items()}
 
 
+def _said(frame: int, at: Point) -> str:
+    return f"--centre {frame}:{at[0]:g},{at[1]:g}"
+
+
 def moved_to(image: BeadImage, at: Point, shake: Array) -> BeadImage:
     """The bead at a stated place of the frame, whose scene is shifted by `shake` [px]."""
     return replace(image, x=at[0] - float(shake[0]), y=at[1] - float(shake[1]), sigma=STATED_SIGMA)
 
 
-def contradictions(seen: Chase, centres: Mapping[int, tuple[Point, ...]], in_file: Callable[[int], int]) -> list[str]:
-    """Sentences on stated centres of a bead that is seen elsewhere in the same frame, by more than its radius.
+def contradictions(
+    seen: Mapping[int, Point], radius: float, centres: Mapping[int, tuple[Point, ...]], in_file: Callable[[int], int]
+) -> list[str]:
+    """Sentences on stated centres of a body that is seen elsewhere in the same frame, by more than its radius [px].
 
-    `seen` is the bead as it was followed without them, `in_file` gives the number of a frame in the file.
+    `seen` is the place [px] by frame where it is located without them, `in_file` the number of a frame in the file.
     """
-    found = []
-    for sighting in seen.sightings:
-        for at in centres.get(sighting.frame, ()):
-            away = math.dist(at, np.add(sighting.place, sighting.shake))
-            if away > seen.radius:
-                found.append(
-                    f"the centre that is stated of frame {in_file(sighting.frame)} lies {away:.0f} px from the bead "
-                    "that is seen in this frame; it is used as stated."
-                )
-    return found
+    return [
+        f"{_said(in_file(frame), at)} is used as stated, but lies {away:.0f} px from the body, which is seen at "
+        f"{seen[frame][0]:.0f},{seen[frame][1]:.0f} in this frame."
+        for frame, stated in centres.items()
+        for at in stated
+        if frame in seen and (away := math.dist(at, seen[frame])) > radius
+    ]
 
 
 def with_stated(seen: Chase, centres: Mapping[int, tuple[Point, ...]], times: Array) -> Chase:

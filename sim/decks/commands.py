@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -295,8 +296,11 @@ def _stages(
                 "at rest": f"if {_resting(deck, AT_REST)} then {_to(name, done)}",
                 "empty": f'if "$(atoms) < 1" then {_to(name, done)}',
             }.get(stage.end, "")
-            steps = deck.steps(stage.interval)
-            yield _loop(name, number, stage.limit / stage.interval, f"run {steps}\n{dump}", leave)
+            turns = math.floor(stage.limit / stage.interval + 1e-9)
+            left = stage.limit - turns * stage.interval
+            last = f"run {deck.steps(left)}\n{dump}" if left > deck.time_step else ""
+            body = f"run {deck.steps(stage.interval)}\n{dump}"
+            yield _loop(name, number, turns, body, leave, last) if turns else last
         elif isinstance(stage, Settle):
             rest = _resting(deck, stage.still)
             yield f"\n# until the beads rest, at most {stage.limit:g} s\n"
@@ -350,12 +354,13 @@ def _resting(deck: Deck, still: Stillness) -> str:
     return f'"${{fastest}} < {still.speed:g} && ${{energy}} < {mean:.6g}"'
 
 
-def _loop(name: str, number: int, times: float, body: str, leave: str = "") -> str:
+def _loop(name: str, number: int, times: float, body: str, leave: str = "", last: str = "") -> str:
+    """Commands that repeat `body`, until `leave` leaves them, and `last` where it did not."""
     turns = max(1, round(times))
     ending = f"{leave}\n" if leave else ""
     return (
         f"variable turn{number} loop {turns}\nlabel again{number}\n{body}{ending}"
-        f"next turn{number}\njump {name} again{number}\nlabel done{number}\n"
+        f"next turn{number}\njump {name} again{number}\n{last}label done{number}\n"
     )
 
 

@@ -362,9 +362,9 @@ def _custom(rig: CustomRig, particle: Particle, count: int, random: np.random.Ge
             )
     walls: dict[str, Shape] = {names[name]: mesh for name, mesh in custom.shapes(rig).items()}
     low, high = custom.domain_of(rig, particle)
-    source, sizes = custom.Pouring(rig), filling.Course(random=random).sizes(count, particle)
+    source, sizes = custom.FillRegion(rig), filling.Course(random=random).sizes(count, particle)
     places, velocities, turns = NOTHING, NOTHING, None
-    said: tuple[str, ...] = ()
+    said = tuple(custom.enclosed(rig, particle))
     events: list[tuple[float, Insert | Move | Open | Look]] = []
     if rig.pour_rate is None:
         try:
@@ -379,7 +379,7 @@ def _custom(rig: CustomRig, particle: Particle, count: int, random: np.random.Ge
         events += [(k * LOOK, Insert(batch, pour.speed)) for k, batch in enumerate(pour.batches) if len(batch)]
         takes, asked = len(pour.batches) * LOOK, count / rig.pour_rate
         if takes > SLOWER * asked + LOOK:
-            said = (
+            said += (
                 f"the fill region lets beads be placed in {takes:.3g} s, not {asked:.3g} s, as none may be hit on its "
                 "way down; give a pour_speed, or a wider fill",
             )
@@ -392,14 +392,17 @@ def _custom(rig: CustomRig, particle: Particle, count: int, random: np.random.Ge
             events.append((wall.removed, Open(names[name])))
     events = sorted((one for one in events if one[0] < rig.duration), key=lambda one: one[0])
     last = math.ceil(max([time for time, _ in events], default=0.0) / rig.interval - 1e-9)
-    looks = [(k * rig.interval, Look()) for k in range(last + 1)]
+    looks = [(k * rig.interval, Look()) for k in range(last + 1) if k * rig.interval < rig.duration]
+    left = rig.duration - last * rig.interval
+    watch = (Watch(left, rig.interval, rig.end),) if left > 1e-9 * rig.duration else ()
+    if not watch:  # events up to the last interval
+        looks.append((rig.duration, Look()))
     timeline = Timeline(tuple(sorted((*events, *looks), key=lambda one: one[0])))
-    watch = Watch(max(rig.duration - last * rig.interval, rig.interval), rig.interval, rig.end)
     poses = [custom.poses(rig, wall).reshape(-1, 3) for wall in rig.walls.values()]
     wide = np.concatenate([*poses, [low, high]])
     margin = particle.diameter
     return Scene(
-        rig, walls, places, velocities, (timeline, watch), wide.min(axis=0) - margin, wide.max(axis=0) + margin,
+        rig, walls, places, velocities, (timeline, *watch), wide.min(axis=0) - margin, wide.max(axis=0) + margin,
         (low + high) / 2, said, sizes, turns,
     )  # fmt: skip
 
@@ -437,8 +440,8 @@ def _poured(
     patience = 0
     while placed < count and patience < filling.PATIENCE:
         due = filling.due_at(source, len(batches) * LOOK, count) - placed
-        own = isinstance(source, custom.Pouring)  # a region, in which a new bead may come to lie below earlier ones
-        if isinstance(source, custom.Pouring):
+        own = isinstance(source, custom.FillRegion)  # a region, in which a new bead may come to lie below earlier ones
+        if isinstance(source, custom.FillRegion):
             source.time = len(batches) * LOOK
         due_now = wide[placed : placed + max(due, 0)]
         new = filling.places(falling, radii, source, due_now, random, in_shade=not own)

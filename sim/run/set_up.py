@@ -164,6 +164,7 @@ class Bench:
         *,
         skin: float | None = None,
         open_domain: bool = True,
+        weighs: bool = False,
     ) -> Bulk:
         """Return a simulation without beads, with walls that differ.
 
@@ -173,6 +174,8 @@ class Bench:
             The walls, each with its material (softened), contact and motion.
         domain, skin, open_domain : tuple, float, bool
             As for `bulk`.
+        weighs : bool
+            As for `Bulk`.
 
         Returns
         -------
@@ -189,6 +192,7 @@ class Bench:
             low=(x, y, z),
             high=(to_x, to_y, to_z),
             open_domain=open_domain,
+            weighs=weighs,
             time_step=self.time_step()[0],
             rolling=self.rolling,
             contact_law=self.contact_law,

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import gsd.hoomd
 import numpy as np
+import pandas as pd
 import pytest
 import trimesh
 
+from rigtwin.cli import run
+from rigtwin.lab import stl
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
 from rigtwin.lab.errors import BadInput
@@ -66,7 +69,7 @@ def heights(folder: Path, seed: int) -> tuple[float, float]:
     planes = [Plane((0, 0, 0), (0, 0, 1))]
     planes += [Plane(tuple(-0.02 * s * np.eye(3)[k]), tuple(s * np.eye(3)[k])) for k in (0, 1) for s in (-1.0, 1.0)]
     bulk = Bench(rig, D6, PMMA, AMONG, AT_WALL, {}).bulk(planes, ((-0.03, -0.03, -0.01), (0.03, 0.03, 0.13)))
-    source = custom.Pouring(rig)
+    source = custom.FillRegion(rig)
     places, _, _ = filling.scattered(200, source.inside, source.box, D6, np.random.default_rng(seed), thrown=0.0)
     bulk.add(places)
     bulk.run(round(0.5 / bulk.time_step))
@@ -109,13 +112,13 @@ def test_a_turning_paddle_throws_a_smooth_bead_outwards_as_a_turning_tube_does(t
     fill = Region((0.02, 0.004, 0.0005), (0.0285, 0.0125, 0.009))
     rig = CustomRig(walls, fill, duration=0.5, low=(-0.2, -0.2, -0.05), high=(0.2, 0.2, 0.1))
     # the time step follows from the restitution: without a bounce the bead stays on the paddle
-    custom.run(
+    course = custom.run(
         rig, D6, PMMA, SMOOTH, SMOOTH, count=1, trajectory=tmp_path / "p.gsd", trajectory_interval=1e-3,
         stiffness_factor=0.01,
     )  # fmt: skip
     with gsd.hoomd.open(tmp_path / "p.gsd") as file:
-        rows = [(frame.log["time_s"][0], *frame.particles.position[0]) for frame in file]
-    time, x, y, z = np.array(rows).T
+        rows = [(frame.log["time_s"][0], *frame.particles.position[0], *frame.particles.velocity[0]) for frame in file]
+    time, x, y, z, u, v, _ = np.array(rows).T
     turned = spin * np.maximum(time - start, 0.0)
     along, off = x * np.cos(turned) + y * np.sin(turned), y * np.cos(turned) - x * np.sin(turned)
     assert off.min() > D6.radius * 0.97  # never inside the paddle
@@ -126,6 +129,10 @@ def test_a_turning_paddle_throws_a_smooth_bead_outwards_as_a_turning_tube_does(t
     assert along[met:] == pytest.approx(along[met] * np.cosh(since) + D6.radius * np.sinh(since), rel=0.03)
     assert z[met:] == pytest.approx(D6.radius, rel=0.03)
     assert along[-1] > 1.5 * along[met]
+    # the angular impulse of the paddle is the angular momentum of the bead
+    _, load = course.loads
+    impulse = np.sum(load.about_axis * np.diff(load.time, prepend=0.0))
+    assert impulse == pytest.approx(-D6.mass * (x * v - y * u)[-1], rel=1e-3)
 
 
 def test_a_cup_that_is_turned_over_empties_and_every_bead_is_counted_once(tmp_path):
@@ -148,6 +155,41 @@ def test_a_cup_that_is_turned_over_empties_and_every_bead_is_counted_once(tmp_pa
     discharged = next(one for one in course.series if one.quantity == "mass_discharged").value
     escaped = 80 * D6.mass - mass - discharged
     assert (np.diff(escaped) > -1e-12).all()
+
+
+def test_a_bed_at_rest_weighs_on_its_walls_what_its_beads_weigh(tmp_path):
+    away = cup(40, 120)
+    away.apply_translation((200, 100, 0))  # [mm]
+    sides = away.copy()
+    sides.update_faces(away.triangles_center[:, 2] > 1e-9)
+    base = away.copy()
+    base.update_faces(away.triangles_center[:, 2] <= 1e-9)
+    walls = {"sides": wall(tmp_path, "sides", sides), "base": wall(tmp_path, "base", base)}
+    box = Region((0.18, 0.08, 0.0), (0.22, 0.12, 0.1))
+    rig = CustomRig(walls, box, end="at rest", regions={"bed": box}, interval=0.1)
+    course = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=200)
+    assert course.at_rest
+    weight = G * course.inside["bed"][1]
+    sides_load, base_load = course.loads
+    assert (sides_load.wall, base_load.wall) == ("sides", "base")
+    assert base_load.force[-1, 2] < -0.5 * weight  # the sides carry the rest by friction
+    force = sides_load.force[-1] + base_load.force[-1]
+    assert force == pytest.approx((0, 0, -weight), abs=0.01 * weight)
+    torque = sides_load.torque[-1] + base_load.torque[-1]
+    x, y, _ = course.centres.mean(axis=0)
+    assert torque == pytest.approx((-y * weight, x * weight, 0), abs=0.01 * 0.2 * weight)
+    assert base_load.about_axis is None
+
+
+def test_the_command_writes_a_table_of_the_load_of_each_wall(tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    cup(40, 60).export("cup.stl")
+    box = "-18mm,-18mm,1mm..18mm,18mm,50mm"
+    assert run(["simulate", "custom", "--stl", "cup.stl", f"--fill={box}", "--count", "40", "--out", "made"]) == 0
+    assert "custom-twin-load_on_stl1.csv" in capfd.readouterr().out
+    table = pd.read_csv("made/custom-twin-load_on_stl1.csv")
+    assert list(table) == ["time_s", "fx_N", "fy_N", "fz_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm"]
+    assert table.fz_N[table.time_s > table.time_s.max() - 0.1].mean() == pytest.approx(-40 * D6.mass * G, rel=0.03)
 
 
 def test_the_flow_out_of_a_funnel_begins_as_its_slide_is_taken_away(tmp_path):
@@ -195,6 +237,9 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_bits(tmp_path):
     whole = custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=60, seed=3)
     assert np.array_equal(resumed.centres, whole.centres)
     assert all(np.array_equal(a.value, b.value) for a, b in zip(resumed.series, whole.series, strict=True))
+    (load,), (same,) = whole.loads, resumed.loads
+    assert np.array_equal(load.force, same.force)
+    assert np.array_equal(load.torque, same.torque)
     assert whole.inside["domain"][0] == 60
 
 
@@ -234,6 +279,23 @@ def test_a_rig_that_cannot_be_is_refused(tmp_path, changed, words):
         custom.run(replace(rig, **changed), D6, PMMA, AMONG, AT_WALL, count=5)
 
 
+def test_room_inside_of_a_closed_surface_is_a_warning_if_there_is_room_outside_too(tmp_path):
+    block = trimesh.creation.box((24, 24, 24))
+    block.apply_translation((0, 0, 40))
+    walls = {"cup": wall(tmp_path, "cup", cup(60, 120)), "block": wall(tmp_path, "block", block)}
+    rig = CustomRig(walls, Region((-0.025, -0.025, 0.004), (0.025, 0.025, 0.09)))
+    [said] = custom.enclosed(rig, D6)
+    # of the room for centres 3 mm clear of all surfaces
+    inside, around, beside = 0.018**3, 0.044**2 * 0.08, 0.03**2 * 0.03
+    share = 100 * inside / (around - beside + inside)
+    assert float(said.split(" % ")[0].split()[-1]) == pytest.approx(share, abs=3)
+    assert said.startswith("walls.block: is a closed surface")
+    vessel = CustomRig({"block": walls["block"]}, Region((-0.011, -0.011, 0.03), (0.011, 0.011, 0.05)))
+    assert custom.enclosed(vessel, D6) == []
+    within = stl.encloses(custom.corners_of(walls["block"]), np.array([[0.001, 0.002, 0.03], [0.013, 0.002, 0.04]]))
+    assert within.tolist() == [True, False]
+
+
 def test_a_wall_too_fast_for_the_time_step_is_named(tmp_path):
     fast = wall(tmp_path, "cup", cup(40, 80), velocity=(0.0, 0.0, 50.0))
     rig = CustomRig(
@@ -249,7 +311,7 @@ def box_rig(folder: Path, walls: dict[str, StlWall] | None = None, **changed) ->
     return replace(CustomRig({"cup": wall(folder, "cup", cup(40, 80)), **(walls or {})}, fill), **changed)
 
 
-def run_of(rig: CustomRig, count: int = 10, **settings) -> custom.Course:
+def run_of(rig: CustomRig, count: int = 10, **settings) -> custom.CustomRun:
     return custom.run(rig, D6, PMMA, AMONG, AT_WALL, count=count, **settings)
 
 

@@ -77,16 +77,18 @@ def arena(
     room: int = ROOM,
     rigid: bool = False,
     rolling: Rolling = "type C",
+    weighs: bool = False,
 ) -> "Arena":
     """Arena of this size; its fields are allocated once per process, as Taichi fails after about 500 fields."""
-    return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid, rolling)
+    return Arena(capacity, pair_capacity, near_capacity, terms, room, rigid, rolling, weighs)
 
 
 @ti.data_oriented
 class Arena(Neighbours, Team):
     """State of up to `capacity` beads, `pair_capacity` neighbouring pairs and `near_capacity` walls near beads.
 
-    `rigid`: whether beads may be parts of rigid bodies.  `rolling`: rolling resistance model.
+    `rigid`: whether beads may be parts of rigid bodies.  `rolling`: rolling resistance model.  `weighs`: whether the
+    impulses of the beads on each wall are summed.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class Arena(Neighbours, Team):
         room: int,
         rigid: bool,
         rolling: Rolling,
+        weighs: bool,
     ) -> None:
         self.terms = terms
         self.capacity = capacity
@@ -105,7 +108,7 @@ class Arena(Neighbours, Team):
         self.rigid = rigid
         mechanics = Mechanics(rolling=rolling)
         self.constant_torque, self.holds = mechanics.constant_torque, mechanics.holds
-        self.walls = WallContacts(capacity, near_capacity, room, terms)
+        self.walls = WallContacts(capacity, near_capacity, room, terms, weighs=weighs)
         self.owner: object = None  # the simulation that uses this arena
         self.place = ti.Vector.field(4, ti.f64, capacity)  # position, radius
         self.motion = ti.Vector.field(4, ti.f64, capacity)  # velocity half a step back, mass

@@ -85,6 +85,8 @@ class Bulk:
     open_domain : bool
         Whether beads that leave the domain are removed and counted; a clump leaves as a whole.  If False, they stop
         the run with an error.
+    weighs : bool
+        Whether the impulses of the particles on each wall are summed, for `impulses`.
     threads : int, optional
         Number of threads.  Default: all that the backend has.
     device : {"cpu", "cuda", "auto"}, optional
@@ -121,6 +123,7 @@ class Bulk:
         effects: Sequence[Active] = (),
         skin: float = SKIN,
         open_domain: bool = False,
+        weighs: bool = False,
         threads: int | None = None,
         device: Device | None = None,
         capacity: int = SMALLEST_ARENA,
@@ -138,7 +141,7 @@ class Bulk:
         self._added = self._spheres = 0
         self._owners = np.zeros(0, dtype=np.int64)  # particle of every sphere ever added
         self._rigid = any(particle.shape is not None for particle in self._particles)
-        self._open = open_domain
+        self._open, self._weighs = open_domain, weighs
         running = backend.start(device=device)
         self.threads = running.threads if threads is None else threads
         self._crew = Crew(running.threads)
@@ -416,6 +419,19 @@ class Bulk:
         return float(walls.work_before[None] + walls.work.to_numpy().sum())
 
     @property
+    def impulses(self) -> Array:
+        """Impulse of the particles on each wall so far, and its moment, shape (walls, 6) [N s, N m s].
+
+        The moment is about the wall's pivot, which moves with it.  Needs `weighs`.
+        """
+        self._mine()
+        found = np.zeros((len(self._walls), 6))
+        if self.steps and found.size:
+            live, listed = self._count(at.LIVE_LIST), self._count(at.LISTED)
+            self._arena.walls.get_impulses(found, live, listed, len(found))
+        return found
+
+    @property
     def work_in_flight(self) -> float:
         """Work [J] of the effects' forces in flight on the beads; negative for drag."""
         self._mine()
@@ -511,6 +527,7 @@ class Bulk:
             self._table.room,
             self._rigid,
             self._mechanics.rolling,
+            self._weighs,
         )
 
     def _enter(self, arena: areas.Arena) -> None:
@@ -680,6 +697,7 @@ class Bulk:
         rows, (first, pairs), near, work = self._rows(), self._pairs(listed), self._near(listed), self.work
         in_flight, worst = self.work_in_flight, self._arena.numbers[at.WORST]
         listed_at = old.walls.listed_at.to_numpy()
+        impulses = self.impulses if self._weighs else None
         kept = {column: self._count(column) for column in (at.GONE, at.BUILDS, at.BODIES, at.MIXED)}
         whole, members = self._body_rows(), self._members(beads) if self._rigid else None
         pair_capacity = max(pair_capacity, self._pair_size(capacity))
@@ -695,6 +713,9 @@ class Bulk:
         self._arena.walls.put_list(*near, self._count(at.LIVE_LIST), listed)
         self._arena.numbers[at.WORST] = worst
         self._arena.walls.work_before[None] = work
+        if impulses is not None:
+            for wall, impulse in enumerate(impulses.tolist()):
+                self._arena.walls.impulse_before[wall] = impulse
         if self._arena.terms.acts_in_flight:
             self._arena.flight_before[None] = in_flight
         self._arena.walls.listed_at.from_numpy(listed_at)

@@ -308,7 +308,9 @@ class Neighbours(Pairs, RigidBodies):
         kept, pairs, following = self.counts[KEPT], self.listed[0, 0], 1 - self.counts[LIVE_LIST]
         self.first[following, kept] = pairs
         self.walls.first[following, kept] = self.listed[0, 1]
-        self.walls.note_listing(self.counts[WALL_COUNT], time, self.counts[BEADS])
+        self.walls.note_listing(
+            self.counts[WALL_COUNT], time, self.counts[BEADS], self.counts[LIVE_LIST], self.counts[LISTED]
+        )
         if ti.static(self.terms.acts_in_flight):
             for i in range(self.counts[BEADS]):
                 self.flight_before[None] = self.flight_before[None] + self.flight[i]

@@ -58,9 +58,19 @@ class WallContacts:
     """Walls near each of up to `capacity` beads, `near_capacity` entries in total, in two alternating lists."""
 
     def __init__(
-        self, capacity: int, near_capacity: int, room: int, terms: Terms, walls: int = WALLS, threads: int = THREADS
+        self,
+        capacity: int,
+        near_capacity: int,
+        room: int,
+        terms: Terms,
+        walls: int = WALLS,
+        threads: int = THREADS,
+        *,
+        weighs: bool = False,
     ) -> None:
+        """`weighs`: whether the impulses of the beads on each wall are summed."""
         self.terms = terms
+        self.weighs = weighs
         self.near_capacity = near_capacity
         self.room = room
         self.elements = ti.field(ti.f64, (room, ELEMENT_SIZE))
@@ -93,6 +103,11 @@ class WallContacts:
         self.mark = ti.field(ti.i32, near_capacity)
         self.work = ti.field(ti.f64, capacity)  # [J], done by moving walls on the beads of this slot
         self.work_before = ti.field(ti.f64, ())  # [J], before the last list build
+        if weighs:
+            # impulse [N s] and its moment [N m s] about the wall's pivot: of each entry since the list was built, as
+            # threads share no entries, and of each wall before
+            self.impulse = ti.Vector.field(6, ti.f64, near_capacity)
+            self.impulse_before = ti.Vector.field(6, ti.f64, walls)
 
     def load(self, table: WallTable, sizes: Array, step: float, linear: bool) -> None:
         """Load the walls of a simulation, with empty lists.
@@ -147,6 +162,17 @@ class WallContacts:
             self.first[0, 0] = 0
             self.first[1, 0] = 0
             self.work_before[None] = 0.0
+            self.forget_impulses()
+
+    @ti.func
+    def forget_impulses(self):
+        if ti.static(self.weighs):
+            for q in range(self.impulse.shape[0]):
+                for c in ti.static(range(6)):
+                    self.impulse[q][c] = 0.0
+            for w in range(self.impulse_before.shape[0]):
+                for c in ti.static(range(6)):
+                    self.impulse_before[w][c] = 0.0
 
     # ------------------------------------------------------------------ where the walls are
 
@@ -220,13 +246,22 @@ class WallContacts:
     # ------------------------------------------------------------------ the list
 
     @ti.func
-    def note_listing(self, walls, time, beads):
-        """Record the positions of the walls, and their work so far, at a list build."""
+    def note_listing(self, walls, time, beads, live, listed):
+        """Record the positions of the walls, their work and impulses so far, at a list build.
+
+        `live` is the list that ends here, of `listed` beads.
+        """
         for w in range(walls):
             self.listed_at[w] = self.time_moving(w, time)
         for i in range(beads):
             self.work_before[None] = self.work_before[None] + self.work[i]
             self.work[i] = 0.0
+        if ti.static(self.weighs):
+            for q in range(self.first[live, listed]):
+                w = int(self.elements[self.near[live, q], OF_WALL])
+                for c in ti.static(range(6)):
+                    self.impulse_before[w][c] = self.impulse_before[w][c] + self.impulse[q][c]
+                    self.impulse[q][c] = 0.0
 
     @ti.func
     def list_bead(self, live, a, i, listed, places, position, reach, leeway, walls):
@@ -396,11 +431,24 @@ class WallContacts:
                     deepest = ti.max(deepest, radius - distance)
                     if self.state[thread, w] == MOVES:
                         self.work[i] = self.work[i] + step * (drag.dot(surface) + hold.dot(wall_spin))
+                    self.weigh(thread, q, w, position + distance * normal, drag, hold, step)
                 elif self.touching[live, q] == 1:
                     self.touching[live, q] = 0
                     if ti.static(self.terms.has_neck):
                         force += self.hold_neck(thread, live, q, i, kind, position, radius, step)
         return force, torque, grip, deepest
+
+    @ti.func
+    def weigh(self, thread, q, w, point, force, torque, step):
+        """Add the reaction to a force and a torque on a bead, which acts on wall `w` at `point`."""
+        if ti.static(self.weighs):
+            pivot = self.motion_vector(w, PIVOT)
+            if self.state[thread, w] == MOVES:
+                pivot = self.pivot[thread, w]
+            moment = (point - pivot).cross(force) + torque
+            for c in ti.static(range(3)):
+                self.impulse[q][c] = self.impulse[q][c] - step * force[c]
+                self.impulse[q][3 + c] = self.impulse[q][3 + c] - step * moment[c]
 
     @ti.func
     def carry(self, thread, w, point, normal, slip, roll, step):
@@ -433,9 +481,10 @@ class WallContacts:
             pull = self.terms.attraction(-apart, radius, modulus, copy)
             normal = ti.Vector([self.facing[q][0], self.facing[q][1], self.facing[q][2]])
             force = pull * normal
+            point = position + self.facing[q][3] * normal
             if self.state[thread, w] == MOVES:
-                surface = self.velocity_at(thread, w, position + self.facing[q][3] * normal)
-                self.work[i] = self.work[i] + step * force.dot(surface)
+                self.work[i] = self.work[i] + step * force.dot(self.velocity_at(thread, w, point))
+            self.weigh(thread, q, w, point, force, ti.Vector([0.0, 0.0, 0.0]), step)
         return force
 
     @ti.func
@@ -476,6 +525,19 @@ class WallContacts:
                         held = held or (self.mark[q] == APART and self.touching[live, q] == 1)
                     if held:
                         found[q] = radius - self.facing[q][3]
+
+    @ti.kernel
+    def get_impulses(self, found: ti.types.ndarray(), live: ti.i32, beads: ti.i32, walls: ti.i32):
+        """Impulse [N s] of the beads on each wall so far, and its moment [N m s] about the wall's pivot."""
+        ti.loop_config(serialize=True)
+        for _ in range(1):
+            for w in range(walls):
+                for c in ti.static(range(6)):
+                    found[w, c] = self.impulse_before[w][c]
+            for q in range(self.first[live, beads]):
+                w = int(self.elements[self.near[live, q], OF_WALL])
+                for c in ti.static(range(6)):
+                    found[w, c] = found[w, c] + self.impulse[q][c]
 
     @ti.kernel
     def get_list(self, first: ti.types.ndarray(), entries: ti.types.ndarray(), live: ti.i32, beads: ti.i32):

@@ -8,6 +8,7 @@ import trimesh
 
 from rigtwin.cli import run
 from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.file import lookup
 from rigtwin.lab.file.lab_file import new_lab, read_lab
 from rigtwin.lab.file.own_rigs import read_own_rig, rig_of_keys
 
@@ -141,6 +142,32 @@ def test_faults_of_options_are_said_of_the_option_and_not_of_the_file(lab, capfd
     assert "line 5: " in refused(capfd, "lab.toml", "--count", "3")
 
 
+def test_refusals_of_the_simulation_name_file_and_line_unless_an_option_states_the_key(lab, capfd, monkeypatch):
+    monkeypatch.chdir(lab)
+    changed(lab, 'total_mass = "7.1 g"', 'total_mass = "7.1 g"\nlow = [-1, -1, -1]\nhigh = [1, 1, 1]')
+    changed(lab, '["20 mm", "20 mm", "60 mm"] }', '["20 mm", "20 mm", "2 m"] }')
+    for command in (["simulate"], ["export", "liggghts"]):
+        assert run([*command, "custom", "lab.toml", "--out", "out"]) == 2
+        assert "lab.toml, line 7: rigs.mixer.fill: is x -20 to 20 mm" in capfd.readouterr().err
+    narrow = "--fill=0mm,0mm,0mm..1mm,1mm,1mm"
+    assert "--fill: is x 0 to 1 mm, " in refused(capfd, "lab.toml", narrow)
+    changed(lab, '"2 m"', '"50 mm"')
+    changed(lab, '"30 rpm"', '"3e6 rpm"')
+    assert re.search(r"lab.toml, line \d+: rigs.mixer.walls.cup moves by up to", refused(capfd, "lab.toml"))
+
+
+def test_a_particle_that_cannot_be_made_is_tried_once(lab, monkeypatch):
+    changed(lab, 'particle = "D6"', 'particle = "grain"')
+    (lab / "lab.toml").write_text(
+        (lab / "lab.toml").read_text() + '[particles.grain]\nmaterial = "steel"\nstl = "none.stl"\nstl_spheres = 5\n'
+    )
+    tried, make = [], lookup.own_particle
+    monkeypatch.setattr(lookup, "own_particle", lambda name, *more: tried.append(name) or make(name, *more))
+    with pytest.raises(BadLabFile, match=r"none\.stl"):
+        read_own_rig(lab)
+    assert tried == ["grain"]
+
+
 def test_a_file_with_several_rigs_asks_which(lab):
     (lab / "lab.toml").write_text(RIG + RIG.replace("mixer", "chute"))
     with pytest.raises(BadInput, match=r"choose one with --name \(mixer, chute\)"):
@@ -197,10 +224,13 @@ def test_the_command_refuses_in_one_sentence(lab, capfd, monkeypatch):
     monkeypatch.chdir(lab)
     assert "name a lab.toml with a rig" in refused(capfd)
     assert "--fill: --stl needs it" in refused(capfd, "--stl", "cup.stl")
+    assert "--fill: -24 has no unit; write it like -24mm." in refused(
+        capfd, "--stl", "cup.stl", "--fill=-24,-24,0..24,24,75"
+    )
     assert "two corners like" in refused(capfd, "--stl", "cup.stl", "--fill=1,2,3")
     assert "not above low" in refused(capfd, "--stl", "cup.stl", "--fill=0,0,0..0,0,0")
     assert "state stl_unit there" in refused(capfd, "lab.toml", "--stl-unit", "m")
-    assert "leave one of them out" in refused(capfd, "--stl", "cup.stl", "--name", "mixer", "--fill=0,0,0..1,1,1")
+    assert "leave one of them out" in refused(capfd, "--stl", "cup.stl", "--name", "mixer", "--fill=0,0,0..1mm,1mm,1mm")
     changed(lab, '"D6"', '"grit"')
     (lab / "lab.toml").write_text(
         (lab / "lab.toml").read_text() + '[particles.grit]\nmaterial = "steel"\ndiameter = "6 mm"\n'

@@ -11,13 +11,15 @@ import pytest
 
 from rigtwin.cli import run
 from rigtwin.lab.camera import STATED_SIGMA, Camera, Seed, span
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.file.lab_file import read_lab
 from rigtwin.measure.drop import measurement as drop
 from rigtwin.measure.pendulum import measurement as pendulum
+from rigtwin.measure.tilt import measurement as tilt
 
 MEDIA = Path(__file__).parents[3] / "sample_media"
 CLIP, DOUBLE = MEDIA / "drop" / "r01.mp4", MEDIA / "pendulum" / "r01.mp4"
+SLIDE = MEDIA / "seven_rigs" / "tilt.mp4"
 BEAD = 0.006  # [m]
 
 
@@ -32,6 +34,15 @@ def value(result, quantity, method):
 
 def measured(clip, *centres, **camera):
     return drop.measure(clip, Camera(centre=centres, **camera), bead_diameter=BEAD)
+
+
+def tilted(clip, *centres):
+    return tilt.measure(clip, Camera(frame_rate=100.0, scale=5e-4, centre=centres), variant="slide")
+
+
+@pytest.fixture(scope="module")
+def slid():
+    return tilted(SLIDE)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +62,10 @@ def test_a_stated_centre_takes_the_place_of_the_one_that_was_found(found):
     assert np.all(sigma[[at - 1, at + 1]] < 0.2)
     assert moved.camera["stated"] == ["centre"]
     (said,) = [each for each in moved.warnings if "stated" in each]
-    assert said.startswith("the centre that is stated of frame 40 lies 12 px from the bead")
+    assert said == (
+        f"--centre 40:{x + 12:g},{y:g} is used as stated, but lies 12 px from the body, which is seen at "
+        f"{x:.0f},{y:.0f} in this frame."
+    )
     # one wrong point among many does not spoil the flights
     restitution = value(found, "restitution_wall", "velocity")
     assert value(moved, "restitution_wall", "velocity") == pytest.approx(restitution, abs=0.001)
@@ -67,9 +81,17 @@ def test_a_bead_that_is_hidden_is_where_it_is_stated_to_be(found, tmp_path):
     assert set(seen) == {*without, 61}
 
 
-def covered(target, places):
+def test_a_refusal_names_a_stated_centre_that_is_far_from_the_body(found):
+    (path,) = tracks(found)
+    x, y = path[40]
+    with pytest.raises(NothingToMeasure) as refused:
+        measured(CLIP, Seed(40, (x, y - 150)))
+    assert f"; --centre 40:{x:g},{y - 150:g} is used as stated, but lies 150 px from" in refused.value.message
+
+
+def covered(target, places, clip=CLIP):
     """The clip with a flat patch over the bead in some frames."""
-    with av.open(str(CLIP)) as source, av.open(str(target), "w") as copy:
+    with av.open(str(clip)) as source, av.open(str(target), "w") as copy:
         (video,) = source.streams.video
         stream = copy.add_stream("libx264", rate=video.average_rate, options={"crf": "10", "preset": "ultrafast"})
         stream.width, stream.height, stream.pix_fmt = video.width, video.height, "yuv420p"
@@ -94,6 +116,53 @@ def test_a_stated_centre_is_that_of_the_bead_next_to_it():
     first, second = tracks(pendulum.measure(DOUBLE, replace(camera, centre=stated)))
     assert first[frame] == pytest.approx((xa - 2, ya), abs=0.01)
     assert second[frame] == pytest.approx((xb + 3, yb), abs=0.01)
+
+
+@pytest.mark.parametrize("away", [20, 120])
+def test_a_centre_of_a_pendulum_that_is_far_from_its_bead_is_named(away):
+    camera = Camera(frame_rate=240.0)
+    a, _ = tracks(pendulum.measure(DOUBLE, camera))
+    x, y = a[30]
+    moved = pendulum.measure(DOUBLE, replace(camera, centre=(Seed(30, (x, y + away)),)))
+    (said,) = [each for each in moved.warnings if "stated" in each]
+    assert said.startswith(f"--centre 30:{x:g},{y + away:g} is used as stated, but lies {away} px from the body")
+
+
+def test_a_stated_centre_of_a_tilt_takes_the_place_of_the_one_that_was_found(slid):
+    (path,) = tracks(slid)
+    moved = tilted(SLIDE, Seed(100, (path[100][0] + 9, path[100][1])))
+    (seen,) = tracks(moved)
+    away = {frame: np.subtract(place, path[frame]) for frame, place in seen.items()}
+    assert set(seen) == set(path)
+    assert away.pop(100) == pytest.approx((9, 0), abs=0.01)
+    assert np.abs(list(away.values())).max() < 0.01
+    assert moved.tracks[0].sigma[list(seen).index(100)] / 5e-4 == pytest.approx(STATED_SIGMA, abs=0.01)
+    (said,) = [each for each in moved.warnings if "stated" in each]
+    assert said.startswith("--centre 100:")
+    assert "lies 9 px from the body" in said
+    angles = [value(each, "static_friction_angle", "onset") for each in (slid, moved)]
+    assert angles[1] == pytest.approx(angles[0], abs=0.02)  # a tenth of its standard uncertainty
+
+
+def test_one_stated_centre_that_is_far_off_does_not_lose_the_body_of_a_tilt(slid):
+    (path,) = tracks(slid)
+    far = tilted(SLIDE, Seed(100, (path[100][0] - 200, path[100][1])))
+    (seen,) = tracks(far)
+    assert set(seen) == set(path)
+    assert value(far, "static_friction_angle", "onset") == pytest.approx(
+        value(slid, "static_friction_angle", "onset"), abs=0.02
+    )
+
+
+def test_the_body_of_a_tilt_is_followed_on_from_a_stated_centre(slid, tmp_path):
+    (path,) = tracks(slid)
+    clip = covered(tmp_path / "covered.mp4", {frame: path[frame] for frame in range(104, 129)}, SLIDE)
+    (without,) = tracks(tilted(clip))
+    assert max(without) < 110
+    (seen,) = tracks(tilted(clip, Seed(128, path[128])))
+    assert seen[128] == pytest.approx(path[128], abs=0.01)
+    for frame in range(129, 140):
+        assert seen[frame] == pytest.approx(path[frame], abs=0.2)
 
 
 @pytest.mark.parametrize(

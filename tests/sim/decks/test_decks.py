@@ -577,6 +577,21 @@ def test_walls_of_stl_files_move_as_the_lab_says(tmp_path):
     assert sum(steps) * own_deck(tmp_path).time_step == pytest.approx(0.6, abs=1e-4)
 
 
+@pytest.mark.parametrize("duration", [0.601, 0.607, 0.62, 0.75, 0.801])
+def test_a_deck_of_an_own_rig_ends_at_its_duration(tmp_path, duration):
+    made = own_deck(tmp_path)
+    made = replace(made, rig=replace(made.rig, duration=duration))
+    steps = turns = 0
+    for line in made.files()["in.liggghts"].splitlines():
+        word, *rest = line.split() or [""]
+        if word == "variable" and rest[1] == "loop":
+            turns = int(rest[2])
+        elif word == "run":
+            steps += int(rest[0]) * max(turns, 1)
+            turns = 0
+    assert steps * made.time_step == pytest.approx(duration, abs=30 * made.time_step)  # each interval is rounded
+
+
 @pytest.mark.parametrize("code", ["lammps", "yade"])
 def test_a_code_without_meshes_refuses_walls_of_stl_files(tmp_path, code):
     with pytest.raises(BadInput, match="holds no walls from STL files; export the rig for LIGGGHTS"):

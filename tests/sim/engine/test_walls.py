@@ -654,3 +654,18 @@ def test_a_shaken_wall_has_its_place_back_after_undoing():
     for time in (0.0, 0.5, 2.0):
         assert motion.undone(motion.done(points, time), time) == pytest.approx(points, abs=1e-15)
     assert motion.displaced(2.0) == pytest.approx([0.07, 0.01 * math.sin(2 * math.pi * 7 * 0.7), 0])
+
+
+def test_the_impulses_on_a_wall_are_the_weight_of_its_beads_and_survive_a_larger_arena():
+    across = np.arange(-0.03, 0.03, 0.007)
+    places = [lying(x, y) for x in across for y in across]
+    found = []
+    for sizes in ({}, {"pair_capacity": 16, "near_capacity": 8}):
+        bulk = bench(Plane((0, 0, 0), UP), weighs=True, **sizes)
+        bulk.add(np.array(places))
+        bulk.run(1000)
+        found.append(bulk.impulses)
+    assert np.array_equal(*found)
+    x, y, _ = np.mean(places, axis=0)
+    impulse = -len(places) * D6.mass * G * bulk.time
+    assert found[0][0] == pytest.approx(impulse * np.array([0, 0, 1, y, -x, 0]), rel=1e-3, abs=1e-9)

@@ -1,0 +1,100 @@
+"""Messages that name options of the command line, for a user who states the same in a lab.toml: its keys instead."""
+
+from __future__ import annotations
+
+import re
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import cache, partial
+from typing import get_args
+
+from rigtwin.lab.errors import as_written, worded
+from rigtwin.lab.file.schema import ExperimentEntry, ParticleEntry, keys_of_camera
+from rigtwin.lab.quantity import Measurement
+
+# an option and its value: a number with its unit, or a word with a digit, an inner comma or colon (x1,y1,x2,y2)
+_OPTION = re.compile(
+    r"--([a-z]+(?:-[a-z]+)*)"
+    r"(?: (\d[\d.e+-]* (?:mm|m|g|kg|Hz|deg|s|ms)\b|(?=[^\s;]*(?:\d|[,:]\w))[\w.,:+^/-]*\w))?"
+)
+_OF_PARTICLE = "bead_"  # options of the particle begin with it, its keys do not
+
+
+def in_keys(text: str, rig: str, particle: str) -> str:
+    """A message with the keys of lab.toml in place of options of the same name.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+    rig : str
+        Rig of the experiment.
+    particle : str
+        Name of its particle.
+
+    Returns
+    -------
+    str
+        The same; an option that is no key of the experiment, its camera or its particle stays.
+
+    Examples
+    --------
+    >>> in_keys("state it with --base x1,y1,x2,y2, or give --bead-diameter 6 mm and --out", "pile", "D6")
+    'state it with base "x1,y1,x2,y2", or give diameter "6 mm" of [particles.D6] and --out'
+    """
+    return _OPTION.sub(partial(_key, rig, particle), text)
+
+
+def _key(rig: str, particle: str, option: re.Match[str]) -> str:
+    name, value = option[1].replace("-", "_"), option[2]
+    said = "" if value is None else f' "{value}"'
+    if name in _keys(rig):
+        return f"{name}{said}"
+    short = name.removeprefix(_OF_PARTICLE)
+    if short != name and short in ParticleEntry.model_fields:
+        return f"{short}{said} of [particles.{particle}]"
+    return option[0]
+
+
+@cache
+def _keys(rig: str) -> set[str]:
+    """Keys of an experiment and its camera."""
+    entries = {get_args(entry.model_fields["rig"].annotation)[0]: entry for entry in get_args(ExperimentEntry)}
+    return {*entries[rig].model_fields, *keys_of_camera(rig)}
+
+
+def written_in_lab(rig: str, particle: str) -> AbstractContextManager[None]:
+    """Let refusals from within, and what `as_written` is asked within, name keys of lab.toml.
+
+    Parameters
+    ----------
+    rig, particle : str
+        Rig of the experiment, and name of its particle.
+
+    Returns
+    -------
+    context manager
+        Of the names.
+    """
+    return worded(partial(in_keys, rig=rig, particle=particle))
+
+
+def as_written_in(found: Measurement) -> Measurement:
+    """Return a measurement whose sentences are `as_written`.
+
+    Parameters
+    ----------
+    found : Measurement
+        The measurement, whose sentences name options.
+
+    Returns
+    -------
+    Measurement
+        The same with other words.
+    """
+    return replace(
+        found,
+        quantities=tuple(replace(one, doubtful=as_written(one.doubtful)) for one in found.quantities),
+        checks=tuple(replace(one, message=as_written(one.message)) for one in found.checks),
+        warnings=tuple(map(as_written, found.warnings)),
+    )
