@@ -292,7 +292,8 @@ def test_room_inside_of_a_closed_surface_is_a_warning_if_there_is_room_outside_t
     assert said.startswith("walls.block: is a closed surface")
     vessel = CustomRig({"block": walls["block"]}, Region((-0.011, -0.011, 0.03), (0.011, 0.011, 0.05)))
     assert custom.enclosed(vessel, D6) == []
-    within = stl.encloses(custom.corners_of(walls["block"]), np.array([[0.001, 0.002, 0.03], [0.013, 0.002, 0.04]]))
+    corners = np.array(block.triangles) / 1e3
+    within = stl.encloses(corners, np.array([[0.001, 0.002, 0.03], [0.013, 0.002, 0.04]]))
     assert within.tolist() == [True, False]
 
 
