@@ -204,10 +204,12 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
 
 
 def _tell_rest(console: Console, rest: Sequence[Deviation], place: str) -> None:
+    from rigtwin.compare.deviation import verdict_counts
+
     if rest:
-        off = sum(row.verdict.startswith("twin ") for row in rest)
-        some = f", {off} of them with a twin too high or too low (some only probably)," if off else ""
-        console.print(f"{len(rest)} more (later bounces, single sides, other methods){some} in {place}")
+        off = [f"{number} {words}" for words, number in verdict_counts(rest).items() if words.endswith("differ")]
+        some = f"; of these {', '.join(off)}" if off else ""
+        console.print(f"{len(rest)} more (later bounces, single sides, other methods) in {place}{some}")
 
 
 def _tell_doubtful(console: Console, rows: Sequence[Deviation]) -> None:

@@ -9,6 +9,7 @@ import typer
 
 from rigtwin.commands.display import print_json, show_run, show_runs
 from rigtwin.commands.options import Json, Quiet
+from rigtwin.lab.formatting import counted
 
 if TYPE_CHECKING:
     from rigtwin.compare.campaign.store import Kept, Store
@@ -56,10 +57,10 @@ def runs(
             kept = [row for row in store.rows() if row.state == "failed"] if failed else []
             dropped = {row.key: row for row in (*(_row(store, name) for name in given), *kept)}
             store.drop(tuple(dropped))
-            _print({"dropped": sorted(dropped)}, f"Dropped {_number(len(dropped))}.", as_json, quiet)
+            _print({"dropped": sorted(dropped)}, f"Dropped {counted(len(dropped), 'run')}.", as_json, quiet)
         else:
             count = store.export(Path(given[0]))
-            _print({"file": given[0], "runs": count}, f"Wrote {_number(count)} to {given[0]}.", as_json, quiet)
+            _print({"file": given[0], "runs": count}, f"Wrote {counted(count, 'run')} to {given[0]}.", as_json, quiet)
 
 
 def _place(folder: Path) -> Path:
@@ -82,10 +83,6 @@ def _row(store: Store, name: str) -> Kept:
         keys = ", ".join(row.key for row in found)
         raise BadInput(f"{name!r}: {len(found)} runs have this name; give the key of one: {keys}.")
     return found[0]
-
-
-def _number(count: int) -> str:
-    return f"{count} run" if count == 1 else f"{count} runs"
 
 
 def _print(document: dict[str, Any], words: str, as_json: bool, quiet: bool) -> None:

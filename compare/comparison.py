@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.curve_overlays import Overlay
-from rigtwin.compare.deviation import Deviation, counted
+from rigtwin.compare.deviation import Deviation, summarized
 from rigtwin.compare.measure_repetitions import Failure, Measured
 from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
@@ -86,7 +86,7 @@ class Comparison:
         compared = [row for row in self.deviations if row.z is not None and row.verdict != "set equal"]
         without = [one.experiment.id for one in self.outcomes if one.without_twin]
         lacking = f"; without a twin: {', '.join(without)}" if without else ""
-        return f"{number} experiment{'s' if number != 1 else ''}, {counted(compared)}{lacking}."
+        return f"{number} experiment{'s' if number != 1 else ''}, {summarized(compared)}{lacking}."
 
     def to_frame(self) -> pd.DataFrame:
         """Return the deviations as a table.

@@ -473,7 +473,34 @@ def headlines(rows: Iterable[Deviation]) -> list[Deviation]:
     return _first_of(rows, RESULTS)
 
 
-def counted(rows: Sequence[Deviation]) -> str:
+def verdict_counts(rows: Iterable[Deviation]) -> dict[str, int]:
+    """Return how many rows have which verdict.
+
+    Parameters
+    ----------
+    rows : iterable of Deviation
+        The rows.
+
+    Returns
+    -------
+    dict of str to int
+        By a clause like "probably differ", without zeros.
+    """
+    kinds = {
+        "differ": ("twin too",),
+        "probably differ": ("twin probably",),
+        "agree within their uncertainty": ("agrees",),
+        "have too few repetitions to tell": ("too few",),
+        "are too uncertain to tell": ("too uncertain",),
+        "are doubtful": ("doubtful",),
+        "differ from the setting": ("differs from",),
+    }
+    rows = list(rows)
+    found = {words: sum(row.verdict.startswith(verdicts) for row in rows) for words, verdicts in kinds.items()}
+    return {words: number for words, number in found.items() if number}
+
+
+def summarized(rows: Sequence[Deviation]) -> str:
     """Return in words how many rows have which verdict.
 
     Parameters
@@ -488,20 +515,10 @@ def counted(rows: Sequence[Deviation]) -> str:
 
     Examples
     --------
-    >>> counted([])
+    >>> summarized([])
     '0 quantities measured and simulated'
     """
-    kinds = {
-        "differ": ("twin too",),
-        "probably differ": ("twin probably",),
-        "agree within their uncertainty": ("agrees",),
-        "have too few repetitions to tell": ("too few",),
-        "are too uncertain to tell": ("too uncertain",),
-        "are doubtful": ("doubtful",),
-        "differ from the setting": ("differs from",),
-    }
-    numbers = {words: sum(row.verdict.startswith(verdicts) for row in rows) for words, verdicts in kinds.items()}
-    parts = [f"{number} {words}" for words, number in numbers.items() if number]
+    parts = [f"{number} {words}" for words, number in verdict_counts(rows).items()]
     return f"{len(rows)} {'quantity' if len(rows) == 1 else 'quantities'} measured and simulated" + (
         f": {', '.join(parts)}" if parts else ""
     )

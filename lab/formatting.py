@@ -327,3 +327,26 @@ def decimals(std_uncertainty: float) -> int:
     (4, 2, 0)
     """
     return max(0, 1 - math.floor(math.log10(std_uncertainty)))
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number of things in words.
+
+    Parameters
+    ----------
+    number : int
+        The number.
+    what : str
+        One of them.
+
+    Returns
+    -------
+    str
+        The words.
+
+    Examples
+    --------
+    >>> counted(1, "repetition"), counted(3, "repetition")
+    ('1 repetition', '3 repetitions')
+    """
+    return f"{number} {what}{'s' if number != 1 else ''}"

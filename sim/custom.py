@@ -262,8 +262,9 @@ def enclosed(rig: CustomRig, particle: Particle) -> list[str]:
     for name, wall in rig.walls.items():
         share = float(encloses(_corners_of(wall), points).mean()) if len(points) else 0.0
         if 0.0 < share < 1.0:
+            part = f"{100 * share:.0f} %" if share >= 0.01 else "less than 1 %"
             found.append(
-                f"walls.{name}: is a closed surface, and {100 * share:.0f} % of the room in fill lies inside of it: "
+                f"walls.{name}: is a closed surface, and {part} of the room in fill lies inside of it: "
                 "particles are placed there, too; if it is a solid, place fill beside it"
             )
     return found

@@ -13,10 +13,10 @@ from rigtwin.compare.campaign import emulator as emulators
 from rigtwin.compare.campaign.posterior import CONVERGED, Parameter, Target
 from rigtwin.compare.campaign.search import Search, State
 from rigtwin.compare.campaign.vary import OF_PARTICLE, of_contact
-from rigtwin.compare.report.methods_text import counted
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.model_file import Model
+from rigtwin.lab.formatting import counted
 from rigtwin.lab.materials import PARAMETERS
 
 # thresholds of verdicts in words; they change no interval

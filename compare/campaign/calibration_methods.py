@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from rigtwin.compare.report.methods_text import Methods, counted, listed, software, were
-from rigtwin.lab.formatting import title
+from rigtwin.compare.report.methods_text import Methods, listed, software, were
+from rigtwin.lab.formatting import counted, title
 from rigtwin.lab.reference.bibliography import SOFTWARE
 
 if TYPE_CHECKING:

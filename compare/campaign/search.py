@@ -16,6 +16,7 @@ from rigtwin.compare.campaign.twin_runs import quantities_of, twin_run
 from rigtwin.compare.campaign.vary import Setting, applies, at
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.formatting import counted
 
 if TYPE_CHECKING:
     from rigtwin.compare.campaign.campaign import Campaign
@@ -143,8 +144,8 @@ class Search:
         first = self._first
         if self.budget < self.least:
             raise BadInput(
-                f"--budget: {self.budget} runs are too few for {_number(len(self.parameters), 'parameter')} and "
-                f"{_number(len(self.fitted), 'experiment')}; give at least {self.least}."
+                f"--budget: {self.budget} runs are too few for {counted(len(self.parameters), 'parameter')} and "
+                f"{counted(len(self.fitted), 'experiment')}; give at least {self.least}."
             )
         reserved = self.reserve if self.budget >= self.least + self.reserve else 0
         measured = tuple(target for one in self.fitted for target in self.targets[one.id])
@@ -323,10 +324,6 @@ class Search:
                 results = [done.results.get(runs[one.id, k].name) for k in seeds]
                 values = np.array([_value(target, result, curves) for result in results])
                 yield {**_prediction(target, values[np.isfinite(values)]), "held_out": one in held}
-
-
-def _number(count: int, what: str) -> str:
-    return f"{count} {what}{'s' * (count != 1)}"
 
 
 def results_of(runs: Sequence[Run], campaign: Campaign, progress: Progress, stage: str) -> Done:

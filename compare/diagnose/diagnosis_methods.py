@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from rigtwin.compare.diagnose.selection.locate import LEVEL
 from rigtwin.compare.diagnose.selection.name_effects import ALARM
-from rigtwin.compare.report.methods_text import Methods, counted, effect_sentence, software
+from rigtwin.compare.report.methods_text import Methods, effect_sentence, software
+from rigtwin.lab.formatting import counted
 from rigtwin.lab.reference.bibliography import SOFTWARE
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from html import escape
 
+from rigtwin.lab.formatting import counted
 from rigtwin.lab.reference.bibliography import Reference, bibtex, cited, reference, references
 
 _CITATION = re.compile(r"\[((?:@\w+(?:; )?)+)\]")
@@ -97,29 +98,6 @@ def listed(words: Iterable[str]) -> str:
     """
     *first, last = words
     return f"{', '.join(first)} and {last}" if first else last
-
-
-def counted(number: int, what: str) -> str:
-    """Return a number of things in words.
-
-    Parameters
-    ----------
-    number : int
-        The number.
-    what : str
-        One of them.
-
-    Returns
-    -------
-    str
-        The words.
-
-    Examples
-    --------
-    >>> counted(1, "repetition"), counted(3, "repetition")
-    ('1 repetition', '3 repetitions')
-    """
-    return f"{number} {what}{'s' if number != 1 else ''}"
 
 
 def were(number: int, what: str) -> str:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rigtwin.compare.deviation import combine, counted, deviations, over_views, percent_deviation, primary_first
+from rigtwin.compare.deviation import combine, deviations, over_views, percent_deviation, primary_first, summarized
 from rigtwin.compare.result_files import deviations_csv, document
 from rigtwin.compare.twins.registry import ENTRIES
 from rigtwin.lab.quantity import Quantity
@@ -344,7 +344,7 @@ def test_one_heap_against_one_tells_a_flat_one_from_a_slope_and_cannot_tell_one_
     assert flat.percent_deviation == pytest.approx(-98.9, abs=0.1)
     assert "1 measured repetition and 1 simulated heap: a scatter of 8.5 % is in the uncertainty" in flat.note
     assert flat.scatter_from == "Hlosta et al. 2020, table 14"
-    assert counted([flat, near]) == (
+    assert summarized([flat, near]) == (
         "2 quantities measured and simulated: 1 differ, 1 have too few repetitions to tell"
     )
 

@@ -125,12 +125,12 @@ def test_friction_that_changes_with_the_speed_is_named_with_its_slope(tmp_path):
     assert slope == pytest.approx(growth, abs=4 * found.chosen.fitted.std("sliding_speed.slope"))
 
 
-def test_friction_that_weakens_exponentially_is_within_the_law_that_levels_off(tmp_path):
+def test_friction_that_weakens_exponentially_is_described_by_the_saturating_law(tmp_path):
     bench = bench_of(write_slides(tmp_path, 6, repetitions=2, weaker=0.08))
     base = fit(bench)
-    left = {name: _fit(bench, (named(name),), base) for name in ("sliding_speed", "sliding_speed_levelling")}
+    left = {name: _fit(bench, (named(name),), base) for name in ("sliding_speed", "sliding_speed_saturating")}
     share = {name: (one.per_row - 1) / (base.per_row - 1) for name, one in left.items()}
-    assert share["sliding_speed_levelling"] < 0.1 < share["sliding_speed"]  # 90 % of the gap names a law
+    assert share["sliding_speed_saturating"] < 0.1 < share["sliding_speed"]  # 90 % of the gap names a law
 
 
 def test_chance_that_lowers_the_kinetic_friction_is_no_friction_drop(tmp_path):
