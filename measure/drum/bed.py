@@ -23,7 +23,7 @@ from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bulk.beads import colour_cells, rare, shares
 from rigtwin.measure.drum.glare import brightened_share
-from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, find_rim, rim_of_bed, stated_rim
+from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, compared, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of
 from rigtwin.measure.geometry.camera_roll import Upright, upright
 from rigtwin.measure.media.video import Video
@@ -147,7 +147,7 @@ def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progre
     looks = _learn(samples, motion, rim, bead)
     if looks is None:
         raise NothingToMeasure(
-            f"{video.path}: what changes between the frames inside {_circle_of(rim, lens)} does not divide into a "
+            f"{video.path}: what changes between the frames inside {circle_of(rim, lens)} does not divide into a "
             "moving bed and a part that stays as it is; give a clip in which the drum turns, or state its inner rim "
             "with --circle cx,cy,r.",
             Seen(marks=rim_seen_at(rim, lens)),
@@ -194,7 +194,9 @@ def bed_in_photo(path: Path, photo: Image, camera: Camera, *, bead_share: float 
     image = lens.seen(photo)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    rim = _stated_rim(np.asarray(grey), camera, lens) or find_rim(np.asarray(grey, dtype=np.float32))
+    stated, rim = _stated_rim(np.asarray(grey), camera, lens), find_rim(np.asarray(grey, dtype=np.float32))
+    if stated is not None:
+        rim = compared(stated, rim)
     if rim is None:
         raise NothingToMeasure(
             f"{path}: no circle was found with an edge along {100 * LEAST_SUPPORT:.0f} % of it or more; give a picture "
@@ -206,7 +208,7 @@ def bed_in_photo(path: Path, photo: Image, camera: Camera, *, bead_share: float 
     bed, empty, clearness = _two_colours(image, rim, bead)
     if bed is None or empty is None:
         raise NothingToMeasure(
-            f"{path}: the colours inside {_circle_of(rim, lens)} do not divide into a bed and an empty part; light the "
+            f"{path}: the colours inside {circle_of(rim, lens)} do not divide into a bed and an empty part; light the "
             "drum so that they differ, give a film, or state the inner rim with --circle cx,cy,r.",
             Seen(marks=rim_seen_at(rim, lens)),
         )
@@ -222,7 +224,7 @@ def rim_seen_at(rim: Rim, lens: Cut) -> tuple[Mark, ...]:
     return (Mark("stated rim" if rim.stated else "rim found", [(x, y)], rim.radius / lens.zoom),)
 
 
-def _circle_of(rim: Rim, lens: Cut) -> str:
+def circle_of(rim: Rim, lens: Cut) -> str:
     (mark,) = rim_seen_at(rim, lens)
     ((x, y),) = mark.points
     found = "stated" if rim.stated else "found"
@@ -283,10 +285,10 @@ def _drum_in(
     """Motion over the clip, its noise, the drum, and whether its rim was found or stated."""
     motion = _motion(samples)
     noise = max(float(np.median(motion)), LEAST_NOISE)
-    if stated is not None:
-        return motion, noise, stated, True
     moving = motion > max(STANDS_OUT * noise, _otsu(motion))
     rim = find_rim(picture, moving)
+    if stated is not None:
+        return motion, noise, compared(stated, rim), True
     if rim is not None:
         return motion, noise, rim, True
     rim = rim_of_bed(moving)

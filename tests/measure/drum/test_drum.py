@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -577,6 +578,20 @@ def test_the_uncertainty_of_a_stated_circle_is_in_the_angle(tmp_path: Path) -> N
         assert abs(given.value - seen.value) < 2 * given.std_uncertainty
 
 
+@pytest.mark.parametrize(
+    ("x", "radius", "wrong"), [(0.0, 1.0, False), (0.0, 1.12, False), (0.0, 0.55, True), (0.25, 1.0, True)]
+)
+def test_a_stated_circle_that_the_picture_contradicts_makes_every_angle_doubtful(
+    tmp_path: Path, x: float, radius: float, wrong: bool
+) -> None:
+    film(tmp_path / "drum.mp4", 30.0)
+    circle = (CENTRE[0] + x * RADIUS_PX, CENTRE[1], radius * RADIUS_PX)  # of the rim, the flange, and of nothing
+    found = drum_measurement.measure(tmp_path / "drum.mp4", Camera(frame_rate=30.0, circle=circle), drum_diameter=0.15)
+    said = f"% of the stated circle of radius {circle[2]:.0f} px .* % of the found circle of radius (99|100|101) px"
+    for one in found.quantities:
+        assert bool(re.search(said, one.doubtful)) == wrong, one.doubtful
+
+
 def test_a_circle_that_does_not_fit_the_picture_is_refused(tmp_path: Path) -> None:
     drum_beside_a_plate(tmp_path / "drum.png")
     for circle, region, complaint in (
@@ -621,7 +636,9 @@ def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:
                 container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
-    with pytest.raises(NothingToMeasure, match="no edge of a round rim was found around what moves"):
+    with pytest.raises(
+        NothingToMeasure, match="no edge of the drum's rim was found; .* The upper border of what moves bows by"
+    ):
         measured(tmp_path / "heap.mp4")
 
 
