@@ -637,7 +637,7 @@ def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:
         for packet in stream.encode():
             container.mux(packet)
     with pytest.raises(
-        NothingToMeasure, match="no edge of the drum's rim was found; .* The upper border of what moves bows by"
+        NothingToMeasure, match="The upper border of what moves bows by"
     ):
         measured(tmp_path / "heap.mp4")
 
