@@ -34,8 +34,8 @@ def spacing_check(spacing: float, uncertainty: float, bead: float, scale_from: s
 
 
 def size_unseen(what: str, given: str, advice: str) -> str:
-    """The warning that all lengths depend on one stated size that the picture could not confirm."""
-    return f"size not confirmed: {what} on {given} alone, and nothing in the picture could check it; {advice}."
+    """The warning that all lengths depend on one stated size that nothing found in the picture confirms."""
+    return f"size not confirmed: {what} on {given} alone, and nothing found in the picture checks it; {advice}."
 
 
 CHANCE = 1e-3  # significance level of the chi-squared test
