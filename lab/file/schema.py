@@ -368,7 +368,7 @@ def _moment(value: Any) -> camera.Moment:
 
 
 Length = Annotated[float, _quantity("length", 0, LONGEST), Field(examples=["6.2 mm"])]
-Height = Annotated[float, _quantity("length", 0, open_low=False), Field(examples=["10 mm"])]
+Height = Annotated[float, _quantity("length", 0, LONGEST, open_low=False), Field(examples=["10 mm"])]
 Density = Annotated[float, _quantity("density", 0), Field(examples=["568 kg/m^3"])]
 Mass = Annotated[float, _quantity("mass", 0), Field(examples=["0.69 g"])]
 Modulus = Annotated[float, _quantity("pressure", 0, STIFFEST), Field(examples=["11 GPa"])]
