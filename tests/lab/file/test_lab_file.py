@@ -257,7 +257,7 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ),
         ('"60 frames"', '"6 frames"', "experiment 1, camera.end", "end =", "not after start"),
         ('"12 frames"', '"-1 s"', "experiment 1, camera.start", "start =", "before the clip begins"),
-        ("count = 1000", 'rim_height = "300 m"', "experiment 3, rim_height", "300 m", "at most 10 m"),
+        ("count = 1000", 'rim_height = "300 m"', "experiment 3, rim_height", "rim_height", "at most 10 m"),
         ('"11 GPa"', '"11 kg"', "materials.ash.youngs_modulus", "11 kg", "wrong unit for a pressure"),
         ("0.44", "0.5", "materials.ash.poisson_ratio", "poisson_ratio", "at most 0.499"),
         ("restitution = 0.5", "restitution = 1.2", "contacts.steel-oak-bead.restitution", "1.2", "at most 1"),
