@@ -26,6 +26,7 @@ from rigtwin.lab.drum_flow import FILL
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
+from rigtwin.lab.media_files import kind_of
 from rigtwin.lab.rigs import (
     LIFT_SPEED,
     OUTLET_SHARE,
@@ -108,10 +109,14 @@ def parsed(path: Path, content: bytes) -> Document:
         text = content.decode("utf-8-sig")
         data = tomllib.loads(text)
         lines = key_lines(text)
-    except UnicodeDecodeError as error:
+    except ValueError as error:
+        if kind := kind_of(content):
+            raise BadLabFile(f"{path}: is {kind}, no text with keys and values (TOML); give a lab.toml.") from None
+        if not isinstance(error, UnicodeDecodeError):  # bad syntax, or a number beyond Python's limits
+            raise BadLabFile(_syntax_error(path, text, error)) from None
         line = error.object.count(b"\n", 0, error.start) + 1
         raise BadLabFile(f"{path}, line {line}: is not UTF-8 text; save the file as UTF-8.") from None
-    except (ValueError, RecursionError) as error:  # bad syntax, or a number or nesting beyond Python's limits
+    except RecursionError as error:  # nesting beyond Python's limits
         raise BadLabFile(_syntax_error(path, text, error)) from None
     return Document(path, data, lines)
 

@@ -382,6 +382,20 @@ def test_a_file_that_is_not_utf_8_is_refused_with_its_line(tmp_path):
         read_lab(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        (b"\xff\xd8\xff\xe0\x00\x10JFIF", r"a picture \(JPEG\)"),
+        (b"\x00\x00\x00\x20ftypisom\xff", r"a film \(MP4\)"),
+        (b"solid wall\nfacet normal 0 0 1\nendfacet\nendsolid", "an STL file"),
+    ],
+)
+def test_another_kind_of_file_is_named(tmp_path, content, kind):
+    (tmp_path / "lab.toml").write_bytes(content)
+    with pytest.raises(BadLabFile, match=f"lab.toml: is {kind}, no text with keys"):
+        read_lab(tmp_path)
+
+
 def test_a_byte_order_mark_and_windows_line_ends_do_no_harm(folder):
     plain = read_lab(folder)
     (folder / "lab.toml").write_bytes(b"\xef\xbb\xbf" + LAB.replace("\n", "\r\n").encode())
