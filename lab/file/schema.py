@@ -649,9 +649,16 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "circle": ("drum",),
     "averaged": ("drum",),
     "slot": ("hopper",),
-    "exclude": tuple(rig for rig in RIGS if not SETTINGS[rig].several_views),
+    **dict.fromkeys(
+        ("frame_rate", "start", "end", "exclude"), tuple(rig for rig in RIGS if not SETTINGS[rig].several_views)
+    ),
 }
-"""Rigs of which something that is else found in the picture may be stated."""
+"""Rigs of which something that is else found in the picture may be stated, or that are filmed."""
+
+
+def _unused(name: str, rig: str) -> str:
+    """Why a key of the camera has no place in an experiment, whatever its value; "" if it has one."""
+    return "" if rig in _ONLY_OF.get(name, (rig,)) else f"is not used by a {rig}; leave it out."
 
 
 class CameraEntry(_Entry):
@@ -752,8 +759,8 @@ class CameraEntry(_Entry):
     def faults(self, folder: Path, rig: str) -> Iterable[tuple[str, str]]:
         """Keys that do not go together, with the rig, or with what lies in the lab's folder, and why."""
         for name in sorted(self.model_fields_set & _ONLY_OF.keys()):
-            if rig not in _ONLY_OF[name]:
-                yield name, f"is not used by a {rig}; leave it out."
+            if why := _unused(name, rig):
+                yield name, why
         if len(self.pivot) > 2:
             yield "pivot", f"{len(self.pivot)} pivots are given; a pendulum has one or two."
         if self.camera_roll is not None and self.plumb_line is not None:
@@ -770,7 +777,7 @@ class CameraEntry(_Entry):
 
 def keys_of_camera(rig: str) -> set[str]:
     """The keys of ``[experiments.camera]`` that a rig uses."""
-    return {name for name in CameraEntry.model_fields if rig in _ONLY_OF.get(name, (rig,))}
+    return {name for name in CameraEntry.model_fields if not _unused(name, rig)}
 
 
 class FileEntry(CameraEntry):
@@ -1209,6 +1216,8 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
     section = kind if not parent else _section(parent)
     key: Key = (*place[:2], *place[3:]) if place[:1] == ("experiments",) and len(place) > 2 else place
     name, given = str(place[-1]) if place else "", _shown(details["input"])
+    if issubclass(section, CameraEntry) and (why := _unused(name, str(place[2]))):
+        return Problem(key, why)
     match details["type"]:
         case "missing":
             return Problem(key, f"{_MISSING}; add {name} = {_example(section, name)}.")
