@@ -18,7 +18,7 @@ from rigtwin.lab.units import LONGEST, si
 _BOARD = re.compile(
     r"(checkerboard|charuco|aruco)\s+(?:(\d{1,3})x(\d{1,3})\s+)?([\d.]+\s*[a-zµ]*)(?:/([\d.]+\s*[a-zµ]*))?\s+(\S.*)"
 )
-SHORTEST_LINE = 10.0  # [px], below it a plumb line says nothing of the vertical
+SHORTEST_LINE = 10.0  # [px], below it a line says nothing of a direction, and a pixel is a tenth of a length
 WIDEST_SQUARE = 1.0  # [m], of a board; "10" was meant to be millimetres
 WIDEST_PIXEL = 0.1  # [m], of which a picture shows some hundred metres; "0.3" was meant to be millimetres
 NARROWEST_PIXEL = 1e-9  # [m/px], far below what light resolves; a unit that was mistaken
@@ -267,11 +267,18 @@ def known_length(text: str, *, name: str = "known_length") -> KnownLength:
     coordinates = _floats(points, 4, name, "100mm:x1,y1,x2,y2")
     length = si(length_text, "length", name=name)
     line = KnownLength(length, (coordinates[0], coordinates[1]), (coordinates[2], coordinates[3]))
-    if length <= 0 or line.start == line.end:
-        raise BadQuantity(f"{name}: {text!r} spans no length; give two different points and a positive length.")
+    _apart(line.start, line.end, text, name)
+    if length <= 0:
+        raise BadQuantity(f"{name}: {text!r} spans no length; give a positive length.")
     if length > LONGEST:
         raise BadQuantity(f"{name}: {text!r} is {length:g} m long; write the length with its unit, like '100mm:...'.")
     return line
+
+
+def _apart(first: Point, second: Point, text: str, name: str) -> None:
+    """Refuse a line between two points that lie too near to each other."""
+    if math.dist(first, second) < SHORTEST_LINE:
+        raise BadQuantity(f"{name}: {text!r} is shorter than {SHORTEST_LINE:g} pixels; give two points far apart.")
 
 
 def board(text: str, *, name: str = "board") -> Board:
@@ -359,8 +366,7 @@ def plumb_line(text: str, *, name: str = "plumb_line") -> float:
     x1, y1, x2, y2 = _floats(text, 4, name, "x1,y1,x2,y2")
     if y1 > y2:
         x1, y1, x2, y2 = x2, y2, x1, y1
-    if math.hypot(x2 - x1, y2 - y1) < SHORTEST_LINE:
-        raise BadQuantity(f"{name}: {text!r} is too short to tell a direction; give points far apart.")
+    _apart((x1, y1), (x2, y2), text, name)
     angle = math.atan2(x1 - x2, y2 - y1)
     if abs(angle) > math.pi / 4:
         raise BadQuantity(f"{name}: {text!r} is nearer to the picture's horizontal; give two points of a plumb line.")
@@ -419,8 +425,7 @@ def line(text: str, *, name: str = "base") -> Line:
     ((100.0, 300.0), (500.0, 310.0))
     """
     x1, y1, x2, y2 = _floats(text, 4, name, "x1,y1,x2,y2")
-    if math.hypot(x2 - x1, y2 - y1) < SHORTEST_LINE:
-        raise BadQuantity(f"{name}: {text!r} is shorter than {SHORTEST_LINE:g} pixels; give two points far apart.")
+    _apart((x1, y1), (x2, y2), text, name)
     first, second = sorted([(x1, y1), (x2, y2)])
     return first, second
 

@@ -104,7 +104,7 @@ class BadLabFile(BadInput):
     Parameters
     ----------
     message : str
-        What stands before the faults.
+        What stands before several faults; the whole text of a single one.
     faults : sequence of str
         A sentence on each of several faults.
     """

@@ -1,4 +1,4 @@
-"""Suffixes of films, pictures and sound recordings, and the order of files whose names have numbers."""
+"""Suffixes and first bytes of films, pictures and sound recordings; the order of files whose names have numbers."""
 
 from __future__ import annotations
 
@@ -27,3 +27,49 @@ def in_order(file: Path) -> tuple[list[Any], str]:
     """
     parts = re.split(r"(\d+)", file.name.lower())
     return [(int(part) if part.isdigit() else 0, part) for part in parts], file.name
+
+
+_BEGINNINGS = (
+    (rb"\xff\xd8\xff", "a picture (JPEG)"),
+    (rb"\x89PNG", "a picture (PNG)"),
+    (rb"II\*\0|MM\0\*", "a picture (TIFF)"),
+    (rb"BM.{4}\0{4}", "a picture (BMP)"),
+    (rb".{4}ftyp", "a film (MP4)"),
+    (rb"RIFF.{4}AVI ", "a film (AVI)"),
+    (rb"\x1a\x45\xdf\xa3", "a film (Matroska)"),
+    (rb"RIFF.{4}WAVE", "a sound recording (WAV)"),
+    (rb"fLaC", "a sound recording (FLAC)"),
+    (rb"OggS", "a sound recording (Ogg)"),
+    (rb"ID3[\x02-\x04]", "a sound recording (MP3)"),
+    (rb"PK\x03\x04", "a ZIP archive or a spreadsheet"),
+    (rb"%PDF-", "a PDF document"),
+)
+STL_HEAD, STL_FACET = 84, 50
+"""Bytes of a binary STL file: its header with the number of facets, and each facet."""
+
+
+def kind_of(content: bytes) -> str:
+    """Return what a file is by its first bytes, and an STL file by its length.
+
+    Parameters
+    ----------
+    content : bytes
+        The file's content.
+
+    Returns
+    -------
+    str
+        A noun phrase; "" if the kind is not known.
+
+    Examples
+    --------
+    >>> kind_of(b"\\x89PNG\\r\\n")
+    'a picture (PNG)'
+    """
+    for beginning, kind in _BEGINNINGS:
+        if re.match(beginning, content, re.DOTALL):
+            return kind
+    facets = int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
+    binary = len(content) >= STL_HEAD and len(content) == STL_HEAD + STL_FACET * facets
+    text = content.lstrip()[:5].lower() == b"solid" and b"endfacet" in content
+    return "an STL file" if binary or text else ""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.input_files import decoding, read_bytes
+from rigtwin.lab.media_files import STL_FACET, STL_HEAD, kind_of
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -26,7 +27,6 @@ STL_UNITS: dict[StlUnit, float] = {
 LARGEST_STL = 32 * 2**20  # [bytes], a text file of 125 000 facets
 MOST_FACETS = 100_000  # scans are simplified before; a clump of spheres takes about 10 s with so many
 CUT = 200  # [bytes], in which the end of a facet and the first words of another stand
-HEAD, FACET_BYTES = 84, 50  # [bytes], of a binary file: its header with the number of facets, and each facet
 
 
 def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
@@ -145,12 +145,14 @@ def _whole(path: Path, content: bytes, advice: str) -> bytes:
         if begun > facets or starts:
             raise BadInput(f"{path}: ends within facet {facets + 1}: it is cut off; copy or export it again.")
         return content
-    if text and len(content) < HEAD:
+    if text and len(content) < STL_HEAD:
         return content  # an empty solid
-    if len(content) < HEAD:
+    if len(content) < STL_HEAD:
         raise BadInput(f"{path}: has {len(content)} bytes, fewer than the head of an STL file; {advice}.")
-    stated = int.from_bytes(content[HEAD - 4 : HEAD], "little")
-    there = (len(content) - HEAD) // FACET_BYTES
+    stated = int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
+    there = (len(content) - STL_HEAD) // STL_FACET
+    if stated > there and (kind := kind_of(content)):
+        raise BadInput(f"{path}: is {kind}, no STL file; {advice}.")
     if stated > there and b"\0" in content:  # else it is text of another kind
         raise BadInput(f"{path}: ends after {there} of its {stated} facets: it is cut off; copy or export it again.")
-    return content[: HEAD + stated * FACET_BYTES] if stated <= there else content
+    return content[: STL_HEAD + stated * STL_FACET] if stated <= there else content

@@ -33,6 +33,8 @@ from rigtwin.measure.drawing import (
     with_strip_below,
 )
 from rigtwin.measure.media.photo import read_photo
+from rigtwin.measure.media.pictures import CUT_OFF
+from rigtwin.measure.media.truncation import breaks_off
 from rigtwin.measure.media.video import open_video
 from rigtwin.measure.robust import mad_std
 
@@ -67,6 +69,8 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
         try:
             found = measure(*args, **kwargs)
         except BadInput as error:
+            if isinstance(error, NothingToMeasure):
+                error.message = _with_lost_end(media, error)
             if isinstance(out, Path) and (isinstance(error, NothingToMeasure) or error.seen is not None):
                 seen = error.seen or Seen()
                 medium = seen.medium or (media[0] if len(media) == 1 else None)
@@ -79,6 +83,14 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
         return found
 
     return shown
+
+
+def _with_lost_end(media: Sequence[Path], error: NothingToMeasure) -> str:
+    """The message of a refusal; of a film of which the end is missing it begins with that."""
+    medium = media[0] if len(media) == 1 else None
+    if medium is None or medium.is_dir() or CUT_OFF in error.message or not breaks_off(medium):
+        return error.message
+    return f"{medium}: {CUT_OFF} What is left was not measured: {error.message.removeprefix(f'{medium}: ')}"
 
 
 def _camera(given: object, media: Sequence[Path], medium: Path) -> Camera:

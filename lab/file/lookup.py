@@ -70,7 +70,8 @@ class Inventory:
         Returns
         -------
         Material or None
-            None, and a problem at `key`, when there is none.
+            None when there is none or it cannot be made; the first request notes the problem, of an own particle at
+            its keys.
         """
         if name in self.materials:
             return self.materials[name]
@@ -97,7 +98,7 @@ class Inventory:
         Returns
         -------
         Material or None
-            None, and a problem at `key`, if there is none.  A wall of particles has their name.
+            None, with a problem noted, if there is none.  A wall of particles has their name.
         """
         if not of_particles or name not in {*self.file.particles, *hlosta2020.NAMES}:
             return self.material(name, key)

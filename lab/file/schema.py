@@ -26,6 +26,7 @@ from rigtwin.lab.drum_flow import FILL
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
+from rigtwin.lab.media_files import kind_of
 from rigtwin.lab.rigs import (
     LIFT_SPEED,
     OUTLET_SHARE,
@@ -165,10 +166,14 @@ def parsed(path: Path, content: bytes) -> Document:
         text = content.decode("utf-8-sig")
         data = tomllib.loads(text)
         lines = key_lines(text)
-    except UnicodeDecodeError as error:
+    except ValueError as error:
+        if kind := kind_of(content):
+            raise BadLabFile(f"{path}: is {kind}, no text with keys and values (TOML); give a lab.toml.") from None
+        if not isinstance(error, UnicodeDecodeError):  # bad syntax, or a number beyond Python's limits
+            raise BadLabFile(_syntax_error(path, text, error)) from None
         line = error.object.count(b"\n", 0, error.start) + 1
         raise BadLabFile(f"{path}, line {line}: is not UTF-8 text; save the file as UTF-8.") from None
-    except (ValueError, RecursionError) as error:  # bad syntax, or a number or nesting beyond Python's limits
+    except RecursionError as error:  # nesting beyond Python's limits
         raise BadLabFile(_syntax_error(path, text, error)) from None
     return Document(path, data, lines)
 
@@ -425,7 +430,7 @@ def _moment(value: Any) -> camera.Moment:
 
 
 Length = Annotated[float, _quantity("length", 0, LONGEST), Field(examples=["6.2 mm"])]
-Height = Annotated[float, _quantity("length", 0, open_low=False), Field(examples=["10 mm"])]
+Height = Annotated[float, _quantity("length", 0, LONGEST, open_low=False), Field(examples=["10 mm"])]
 Density = Annotated[float, _quantity("density", 0), Field(examples=["568 kg/m^3"])]
 Mass = Annotated[float, _quantity("mass", 0), Field(examples=["0.69 g"])]
 Modulus = Annotated[float, _quantity("pressure", 0, STIFFEST), Field(examples=["11 GPa"])]
@@ -701,9 +706,16 @@ _ONLY_OF: dict[str, tuple[str, ...]] = {
     "circle": ("drum",),
     "averaged": ("drum",),
     "slot": ("hopper",),
-    "exclude": tuple(rig for rig in RIGS if not SETTINGS[rig].several_views),
+    **dict.fromkeys(
+        ("frame_rate", "start", "end", "exclude"), tuple(rig for rig in RIGS if not SETTINGS[rig].several_views)
+    ),
 }
-"""Rigs of which something that is else found in the picture may be stated."""
+"""Rigs of which something that is else found in the picture may be stated, or that are filmed."""
+
+
+def _unused(name: str, rig: str) -> str:
+    """Why a key of the camera has no place in an experiment, whatever its value; "" if it has one."""
+    return "" if rig in _ONLY_OF.get(name, (rig,)) else f"is not used by a {rig}; leave it out."
 
 
 class CameraEntry(_Entry):
@@ -828,8 +840,8 @@ class CameraEntry(_Entry):
             The key, and what is wrong.
         """
         for name in sorted(self.model_fields_set & _ONLY_OF.keys()):
-            if rig not in _ONLY_OF[name]:
-                yield name, f"is not used by a {rig}; leave it out."
+            if why := _unused(name, rig):
+                yield name, why
         if len(self.pivot) > 2:
             yield "pivot", f"{len(self.pivot)} pivots are given; a pendulum has one or two."
         if self.camera_roll is not None and self.plumb_line is not None:
@@ -857,7 +869,7 @@ def keys_of_camera(rig: str) -> set[str]:
     set of str
         The keys.
     """
-    return {name for name in CameraEntry.model_fields if rig in _ONLY_OF.get(name, (rig,))}
+    return {name for name in CameraEntry.model_fields if not _unused(name, rig)}
 
 
 class FileEntry(CameraEntry):
@@ -1385,6 +1397,8 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
     section = kind if not parent else _section(parent)
     key: Key = (*place[:2], *place[3:]) if place[:1] == ("experiments",) and len(place) > 2 else place
     name, given = str(place[-1]) if place else "", _shown(details["input"])
+    if issubclass(section, CameraEntry) and (why := _unused(name, str(place[2]))):
+        return Problem(key, why)
     match details["type"]:
         case "missing":
             return Problem(key, f"{_MISSING}; add {name} = {_example(section, name)}.")

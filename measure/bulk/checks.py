@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from rigtwin.lab.quantity import Check
+from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, size_of_beads
 
 # relative limit for the apparent size of single beads: shaded rims are soft, and their measured size scatters by 0.04
 # from photo to photo for all tested blur, noise and light
@@ -22,9 +24,18 @@ def size_seen(ratio: float, most: float, scale_from: str) -> Check:
     return Check("bead_size", passed, ratio, 1.0, message)
 
 
+def spacing_check(spacing: float, uncertainty: float, bead: float, scale_from: str) -> Check:
+    """Check `bead_size` by the distance of neighbours `spacing` in a bed; it and the stated `bead` diameter in m.
+
+    `uncertainty` is the relative standard uncertainty of the scale.
+    """
+    most = 3 * math.hypot(uncertainty, NEIGHBOURS_UNCERTAINTY)
+    return size_seen(size_of_beads(spacing) / bead, most, scale_from)
+
+
 def size_unseen(what: str, given: str, advice: str) -> str:
-    """The warning that all lengths depend on one stated size that the picture could not confirm."""
-    return f"size not confirmed: {what} on {given} alone, and nothing in the picture could check it; {advice}."
+    """The warning that all lengths depend on one stated size that nothing found in the picture confirms."""
+    return f"size not confirmed: {what} on {given} alone, and nothing found in the picture checks it; {advice}."
 
 
 CHANCE = 1e-3  # significance level of the chi-squared test

@@ -21,9 +21,10 @@ from rigtwin.lab.arrays import Array, FloatImage, Image
 from rigtwin.lab.camera import STATED_SIGMA, Camera
 from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, bead_spacing
 from rigtwin.measure.bulk.beads import colour_cells, rare, shares
 from rigtwin.measure.drum.glare import brightened_share
-from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, find_rim, rim_of_bed, stated_rim
+from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, compared, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of
 from rigtwin.measure.geometry.camera_roll import Upright, upright
 from rigtwin.measure.media.video import Video
@@ -34,6 +35,7 @@ from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.scene.steadied_frames import Cut, Steadied, apart, cut_for, steadied, still_scene
 
 SAMPLES = 41  # frames used as training data for bed and drum
+SPACINGS = 5  # frames in which the distance of the beads is measured; it scatters by 2 % from frame to frame
 BEAD_SHARE = 0.04  # bead over drum diameter, if unknown
 GRAIN_SHARE = 0.012  # the same in a single picture, whose bed may be of powder
 STEPS = 32  # bins of a histogram of motion or texture
@@ -107,6 +109,7 @@ class Bed:
     shape: tuple[int, ...]  # [px], height and width of the analysed picture
     bed_direction: float  # [rad], direction of the bed's middle from the drum's axis: 0 below it, positive to the right
     turning: int = 0  # direction of the beads at the wall: +1 clockwise, -1 anticlockwise, 0 unknown
+    spacing: float | None = None  # [px], distance of neighbouring beads, None where the bed shows no pattern of beads
 
 
 def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progress: Progress = silent) -> Bed:
@@ -147,7 +150,7 @@ def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progre
     looks = _learn(samples, motion, rim, bead)
     if looks is None:
         raise NothingToMeasure(
-            f"{video.path}: what changes between the frames inside {_circle_of(rim, lens)} does not divide into a "
+            f"{video.path}: what changes between the frames inside {circle_of(rim, lens)} does not divide into a "
             "moving bed and a part that stays as it is; give a clip in which the drum turns, or state its inner rim "
             "with --circle cx,cy,r.",
             Seen(marks=rim_seen_at(rim, lens)),
@@ -182,6 +185,7 @@ def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progre
         picture.shape,
         direction,
         turning_of(rings),
+        _spacing(colours, (looks.before > 0) & rim.inside(picture.shape, 0.97)),
     )
 
 
@@ -194,7 +198,9 @@ def bed_in_photo(path: Path, photo: Image, camera: Camera, *, bead_share: float 
     image = lens.seen(photo)
     image = exposure_of(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.uint8)).applied(image)
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-    rim = _stated_rim(np.asarray(grey), camera, lens) or find_rim(np.asarray(grey, dtype=np.float32))
+    stated, rim = _stated_rim(np.asarray(grey), camera, lens), find_rim(np.asarray(grey, dtype=np.float32))
+    if stated is not None:
+        rim = compared(stated, rim)
     if rim is None:
         raise NothingToMeasure(
             f"{path}: no circle was found with an edge along {100 * LEAST_SUPPORT:.0f} % of it or more; give a picture "
@@ -206,14 +212,18 @@ def bed_in_photo(path: Path, photo: Image, camera: Camera, *, bead_share: float 
     bed, empty, clearness = _two_colours(image, rim, bead)
     if bed is None or empty is None:
         raise NothingToMeasure(
-            f"{path}: the colours inside {_circle_of(rim, lens)} do not divide into a bed and an empty part; light the "
+            f"{path}: the colours inside {circle_of(rim, lens)} do not divide into a bed and an empty part; light the "
             "drum so that they differ, give a film, or state the inner rim with --circle cx,cy,r.",
             Seen(marks=rim_seen_at(rim, lens)),
         )
     looks = _looks([still], bed, empty, np.zeros(grey.shape, dtype=np.float32), 1.0, bead)
     outline = _outline(still, looks, rim, turned.roll)
     direction = _bed_direction(bed, rim, turned.roll)
-    return Bed((outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, grey.shape, direction)
+    spacing = _spacing([image], bed)
+    shape = grey.shape
+    return Bed(
+        (outline,), rim, True, turned, bead, lens, clearness, (), False, math.nan, shape, direction, spacing=spacing
+    )
 
 
 def rim_seen_at(rim: Rim, lens: Cut) -> tuple[Mark, ...]:
@@ -222,11 +232,20 @@ def rim_seen_at(rim: Rim, lens: Cut) -> tuple[Mark, ...]:
     return (Mark("stated rim" if rim.stated else "rim found", [(x, y)], rim.radius / lens.zoom),)
 
 
-def _circle_of(rim: Rim, lens: Cut) -> str:
+def circle_of(rim: Rim, lens: Cut) -> str:
     (mark,) = rim_seen_at(rim, lens)
     ((x, y),) = mark.points
     found = "stated" if rim.stated else "found"
     return f"the {found} circle of radius {mark.radius:.0f} px around {x:.0f},{y:.0f}"
+
+
+def _spacing(pictures: list[Image], bed: npt.NDArray[np.bool_]) -> float | None:
+    """Median distance of neighbouring beads [px] in pictures of a bed; None if most do not show it, or do not agree."""
+    few = pictures[:: math.ceil(len(pictures) / SPACINGS)]
+    found = [spacing for spacing in (bead_spacing(picture, bed) for picture in few) if spacing is not None]
+    usual = float(np.median(found)) if found else math.nan
+    agreeing = sum(abs(spacing / usual - 1) < 3 * NEIGHBOURS_UNCERTAINTY for spacing in found)
+    return usual if 2 * agreeing > len(few) else None
 
 
 def _stills(video: Video, scene: Scene, lens: Cut, exposure: Exposure) -> Iterator[Still]:
@@ -283,10 +302,10 @@ def _drum_in(
     """Motion over the clip, its noise, the drum, and whether its rim was found or stated."""
     motion = _motion(samples)
     noise = max(float(np.median(motion)), LEAST_NOISE)
-    if stated is not None:
-        return motion, noise, stated, True
     moving = motion > max(STANDS_OUT * noise, _otsu(motion))
     rim = find_rim(picture, moving)
+    if stated is not None:
+        return motion, noise, compared(stated, rim), True
     if rim is not None:
         return motion, noise, rim, True
     rim = rim_of_bed(moving)

@@ -11,7 +11,7 @@ import numpy as np
 from rigtwin.lab.drum_flow import fill_check
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.quantity import Check, Quantity
-from rigtwin.measure.drum.bed import Bed
+from rigtwin.measure.drum.bed import Bed, circle_of
 from rigtwin.measure.drum.evaluate import FREQUENCY, HIGHEST_STEP, MOST_BOW
 from rigtwin.measure.geometry.camera_roll import upright_checks
 
@@ -73,11 +73,14 @@ def _checks_of_shape(bed: Bed) -> list[Check]:
 
 def _how_found(bed: Bed) -> str:
     edge = f"an edge was found along {100 * bed.rim.support:.0f} % of"
+    if bed.rim.seen is not None:
+        other = f"{100 * bed.rim.seen.support:.0f} % of {circle_of(bed.rim.seen, bed.lens)}"
+        return f"{edge} {circle_of(bed.rim, bed.lens)}, but along {other}: check --circle."
     if bed.rim.stated:
         return f"the drum's circle was stated; {edge} it."
     if bed.rim_seen:
         return f"{edge} the drum's circle."
-    return "no edge of the drum's rim was found; its circle was fitted to the lower border of the bed."
+    return "no edge of the drum's rim was found; its circle was fitted to the lower border of what moves."
 
 
 def rests_on(one: Quantity, of_picture: Sequence[Check]) -> set[str]:
@@ -90,7 +93,7 @@ def must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
     wrong = {each.check: each for each in checks if each.passed is False}
     if {"rim_found", "surface_shape"} <= set(wrong):
         raise NothingToMeasure(
-            f"{clip}: no edge of a round rim was found around what moves, and its upper border bows by "
+            f"{clip}: {wrong['rim_found'].message} The upper border of what moves bows by "
             f"{wrong['surface_shape'].value:.2f} of its length, {MOST_BOW} at most is that of a flowing bed; film the "
             "end of the drum with the whole rim in view, or state its inner rim with --circle cx,cy,r."
         )
@@ -104,7 +107,7 @@ def checks_of_picture(bed: Bed, still: Check | str) -> list[Check]:
     checks = [
         Check(
             "rim_found",
-            bed.rim_seen,
+            bed.rim_seen and bed.rim.seen is None,
             bed.rim.support,
             1.0,
             _how_found(bed),

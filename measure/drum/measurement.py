@@ -19,6 +19,7 @@ from rigtwin.lab.quantity import Measurement, doubted, failed
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, read_series
 from rigtwin.lab.tracked.table import TableOptions, is_table
+from rigtwin.measure.bulk.checks import spacing_check
 from rigtwin.measure.drawing import with_record_plot
 from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed, rim_seen_at
 from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
@@ -51,6 +52,8 @@ BEAD_NOT_KNOWN = (
     f"the scatter from moment to moment is taken as that of beads of {USUAL_SHARE:.0%} of the drum's diameter; give "
     "--bead-diameter."
 )
+
+GIVEN_UNCERTAINTY = 0.01  # relative standard uncertainty of a scale from a length in view
 
 
 @shows_refusals
@@ -125,7 +128,7 @@ def measure(
         warnings += shown.warnings
         rate, spoilt = shown.frame_rate, shown.spoilt
         bed = follow_bed(shown, camera, bead_share=share, progress=progress)
-    scale, scale_from = _scale(bed, camera, drum_diameter)
+    scale, scale_from, scale_uncertainty = _scale(bed, camera, drum_diameter)
     seen = _observation(bed, scale or 1.0, share or share_of(bead_diameter, _diameter(bed, scale)), camera.averaged)
     warnings += _of_one_picture(bed, seen)
     still = camera_by_scene(bed.poses) if bed.poses else ""
@@ -135,6 +138,8 @@ def measure(
         *checks_of_picture(bed, still),
         *stance_checks(bed.bed_direction, bed.turning, rising_side(seen.profiles)),
     ]
+    if scale is not None and bead_diameter is not None and bed.spacing is not None:
+        of_picture.append(spacing_check(bed.spacing * scale, scale_uncertainty, bead_diameter, scale_from))
     with seeing(Seen(marks=rim_seen_at(bed.rim, bed.lens))):
         must_be_a_drum(clip, of_picture)
     try:
@@ -230,13 +235,13 @@ def _measure_table(
 # ----------------------------------------------------------------------------------------------------- media -> record
 
 
-def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float | None, str]:
-    """Scale [m/px] of the analysed picture, and its source."""
+def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float | None, str, float]:
+    """Scale [m/px] of the analysed picture, its source, and its relative standard uncertainty."""
     if camera.given_scale is not None:
-        return camera.given_scale / bed.lens.zoom, camera.scale_from
+        return camera.given_scale / bed.lens.zoom, camera.scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY)
     if drum_diameter is not None:
-        return drum_diameter / (2 * bed.rim.radius), "drum diameter"
-    return None, "not known"
+        return drum_diameter / (2 * bed.rim.radius), "drum diameter", bed.rim.sigma / bed.rim.radius
+    return None, "not known", math.inf
 
 
 def _diameter(bed: Bed, scale: float | None) -> float | None:

@@ -7,7 +7,7 @@ axis along its brightness gradient (Hough transform).  The inner wall is the cir
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -21,6 +21,10 @@ SPOKES = 240  # directions in which the edge of a circle is searched
 LEAST_SUPPORT = 0.3  # least share of spokes that meet an edge of the circle
 THIN = 0.045  # share of the picture; what is narrower is not a bed
 NEAR = 0.07  # share of the radius by which the bed may end short of the wall
+# Share of a circle with an edge from which the picture shows it; and by how much a stated one must have less to be
+# contradicted: less than the texture of a bed gives is no difference.  Rims of rendered drums have 0.7 to 1, circles
+# through bed and back wall 0.2 to 0.6.
+CLEARLY, LESS = 0.7, 0.3
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,7 @@ class Rim:
     support: float  # [1], share of the circle with an edge
     sigma: float  # standard uncertainty of centre and radius
     stated: bool = False  # by the user, not found
+    seen: Rim | None = None  # the circle that the picture shows instead of the stated one
 
     def inside(self, shape: tuple[int, int], share: float = 1.0) -> npt.NDArray[np.bool_]:
         """Mask of pixels within `share` of the radius."""
@@ -72,6 +77,17 @@ def stated_rim(picture: npt.NDArray[np.float32], circle: tuple[float, float, flo
     near = np.abs(radii - radius) < 2 * sigma
     support = float(np.mean(np.any(np.abs(radial[near]) > noise, axis=0)))
     return Rim((x, y), radius, support, sigma, stated=True)
+
+
+def compared(stated: Rim, found: Rim | None) -> Rim:
+    """The stated circle, with the one that the picture shows instead where it contradicts the stated one."""
+    if found is None or found.support < max(CLEARLY, stated.support + LESS):
+        return stated
+    centres = math.dist(stated.centre, found.centre)
+    if centres > min(stated.radius, found.radius):
+        return stated  # that of another object
+    apart = max(centres, abs(stated.radius - found.radius))
+    return replace(stated, seen=found) if apart > NEAR * found.radius else stated
 
 
 def rim_of_bed(moving: npt.NDArray[np.bool_]) -> Rim | None:

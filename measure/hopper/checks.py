@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.quantity import Check, Quantity
-from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, size_of_beads
-from rigtwin.measure.bulk.checks import size_seen, size_unseen
+from rigtwin.measure.bulk.checks import size_unseen, spacing_check
 from rigtwin.measure.hopper.evaluate import Instant
 from rigtwin.measure.hopper.free_fall_clock import fall_below, fall_check, outlet_check, together
 from rigtwin.measure.hopper.lost_frames import timing_check
@@ -124,8 +123,7 @@ def size_check(
         missing = "give --bead-diameter" if bead_diameter is None else other_scale(bin_width)
         missing = missing if spacing is not None else "the bed shows no pattern of beads"
         return size_unseen("the scale and the outlet velocity depend", source, missing)
-    ratio = size_of_beads(spacing) / seen.lens.zoom * scale / bead_diameter
-    return size_seen(ratio, 3 * math.hypot(uncertainty, NEIGHBOURS_UNCERTAINTY), source)
+    return spacing_check(spacing / seen.lens.zoom * scale, uncertainty, bead_diameter, source)
 
 
 def rate_check(

@@ -212,9 +212,13 @@ def open_video(path: Path, camera: Camera) -> Video:
             f"frame rate {rate:.6g} Hz read from the file; high-speed files often play slower than captured: "
             "give the capture rate with --frame-rate."
         )
+    check = "and --frame-rate, which sets the time scale."
+    if beyond := _beyond("--start", camera.start, times):
+        raise BadInput(f"{path}: {beyond}; check --start, {check}")
     first = _frame_of(camera.start, times, 0)
     last = _frame_of(camera.end, times, len(times) - 1)
-    warnings += _ends_before(camera.end, times)
+    if beyond := _beyond("--end", camera.end, times):
+        warnings.append(f"{beyond}: the clip was measured to its end; check --end, {check}")
     if last - first < 2:
         left = max(last - first + 1, 0)
         raise BadInput(
@@ -273,18 +277,16 @@ def _in_words(moment: Moment) -> str:
     return f"{moment.value:g} s" if moment.unit == "s" else f"{moment.value:g}f"
 
 
-def _ends_before(end: Moment | None, times: npt.NDArray[np.float64]) -> list[str]:
-    """The warning for an --end beyond the clip; the last picture lasts as long as the longest interval."""
+def _beyond(option: str, moment: Moment | None, times: npt.NDArray[np.float64]) -> str:
+    """Says that a moment lies beyond the clip, "" if it does not; the last picture lasts as the longest interval."""
     count = len(times)
     shown = float(times[-1] + np.max(np.diff(times)))
     # a clip length rounded to a hundredth of a second still counts as the clip's end
-    beyond = end is not None and end.value > (count if end.unit == "frame" else shown + ROUNDED)
-    if end is None or not beyond:
-        return []
-    return [
-        f"--end {_in_words(end)} lies beyond the clip, whose last picture ({count - 1}f) is at {times[-1]:.4g} s: "
-        "the clip was measured to its end; check --end, and --frame-rate, which sets the time scale."
-    ]
+    if moment is None or moment.value <= (count if moment.unit == "frame" else shown + ROUNDED):
+        return ""
+    return (
+        f"{option} {_in_words(moment)} lies beyond the clip, whose last picture ({count - 1}f) is at {times[-1]:.4g} s"
+    )
 
 
 def _frame_of(moment: Moment | None, times: npt.NDArray[np.float64], default: int) -> int:

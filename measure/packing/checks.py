@@ -24,6 +24,7 @@ from rigtwin.measure.packing.bed_profile import (
     inside_cylinder,
     on_a_line,
 )
+from rigtwin.measure.packing.graduations import PITCH_RANGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -210,6 +211,8 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
         ending = (
             ", so both stand in the plane of the axis."
             if same
+            else ": check --cylinder-diameter."
+            if abs(math.log(ratio)) > math.log(PITCH_RANGE)
             else ": the gauge stands before or behind the axis and was not used, or --cylinder-diameter is wrong."
         )
         checks.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -20,7 +21,7 @@ from rigtwin.measure.bulk.outline_above import surface_between
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
 from rigtwin.measure.packing.bed_profile import NEARER
-from rigtwin.measure.packing.graduations import Gauge, find_gauge
+from rigtwin.measure.packing.graduations import Gauge, find_gauge, other_sizes
 from rigtwin.measure.packing.grain_region import (
     CORE,
     ENDS_AT,
@@ -516,17 +517,20 @@ def _gauge(
     pixel = width / (cylinder * 1e3) if cylinder else 2 * bead_radius / (bead or 1.0) / 1e3
     walls, gap = (axis[0] - width / 2, axis[0] + width / 2), 0.06 * width
     columns = np.concatenate([np.arange(4, walls[0] - gap, 3.0), np.arange(walls[1] + gap, grey.shape[1] - 4, 3.0)])
-    best = None
-    for side in (columns < walls[0], columns > walls[1]):
-        mine = columns[side]
-        if len(mine) < 4:
-            continue
-        lean = np.array([upright.at(column)[0] for column in mine])
-        floor = axis[1] + (float(mine.mean()) - axis[0]) * math.tan(horizontal)
-        found = find_gauge(grey, mine - np.tan(lean) * grey.shape[0] / 2, lean, pixel, floor, ZERO_NEAR)
-        if found is not None and (best is None or found.strength > best.strength):
-            best = found
-    return best
+
+    def clearest(sizes: Sequence[float]) -> Gauge | None:
+        found = []
+        for side in (columns < walls[0], columns > walls[1]):
+            mine = columns[side]
+            if len(mine) < 4:
+                continue
+            lean = np.array([upright.at(column)[0] for column in mine])
+            floor = axis[1] + (float(mine.mean()) - axis[0]) * math.tan(horizontal)
+            upper = mine - np.tan(lean) * grey.shape[0] / 2
+            found += [find_gauge(grey, upper, lean, size, floor, ZERO_NEAR) for size in sizes]
+        return max((each for each in found if each is not None), key=lambda each: each.strength, default=None)
+
+    return clearest([pixel]) or clearest(other_sizes(pixel, len(grey)))
 
 
 def _elsewhere(gauge: float, beads: float) -> float:

@@ -93,6 +93,16 @@ def find_gauge(
     return Gauge(float(columns[k]), float(lean[k]), (at_row_0, -rate, -bend), first, last, strength, lowest)
 
 
+def other_sizes(expected: float, rows: int) -> list[float]:
+    """Sizes of a millimetre [px] with which `find_gauge` searches all that a picture of `rows` shows but `expected`.
+
+    A gauge is found so although the stated size is wrong by more than `PITCH_RANGE`.
+    """
+    least, most = FINEST / PITCH_RANGE, rows / LEAST_LENGTH * PITCH_RANGE
+    lowest, highest = (math.log(size / expected) / (2 * math.log(PITCH_RANGE)) for size in (least, most))
+    return [expected * PITCH_RANGE ** (2 * k) for k in range(math.ceil(lowest), math.floor(highest) + 1) if k != 0]
+
+
 def _wave(grey: GreyImage, column: float, lean: float, half_width: int = 2) -> Array:
     """Grey level along the gauge, high-pass filtered and divided by its local rms."""
     rows = np.arange(grey.shape[0], dtype=np.float32)

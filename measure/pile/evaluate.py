@@ -114,14 +114,16 @@ def evaluate_views(
         if len(observations) > 1:
             found = [replace(one, detail={**one.detail, "view": seen.profile.view}) for one in found]
         quantities += found
-        reasons = sorted({one.doubtful for one in found if one.doubtful})
         doubtful.append(any(one.doubtful for one in found if one.quantity == GRAPHICAL))
         warnings += seen.notes
         whose = f"{seen.profile.view}: " if len(observations) > 1 else ""
-        warnings += [whose + reason for reason in reasons]
+        if whose:  # else the reasons stand at the quantities
+            warnings += [whose + reason for reason in sorted({one.doubtful for one in found if one.doubtful})]
+        sides = repose_angles.free_flanks(heap, seen.flank)
+        if short := _too_short(heap, sides):
+            warnings.append(f"{whose}graphical angle of repose: not given, because {short}.")
         if seen.unconfirmed and seen.unconfirmed not in warnings:
             warnings.append(seen.unconfirmed)
-        sides = repose_angles.free_flanks(heap, seen.flank)
         uneven = uneven_flanks(seen.profile, heap) if len(sides) == 2 else ""
         warnings += [uneven] if uneven else []
         if len(sides) == 1 and seen.flank is None:
@@ -181,7 +183,7 @@ def _quantities_of_view(
         name: [_angles(profile, base_diameter, grain, sides) for profile in pair]
         for name, pair in seen.variants.items()
     }
-    flaw = seen.flaw or _flaw_of_profile(heap, angles, sides)
+    flaw = seen.flaw or _flaw_of_profile(heap, sides)
     limited = _base_limited(seen.profile, heap, base_diameter)
     bare = "" if limited else _bare_base(heap)
     grainy = {
@@ -257,12 +259,17 @@ def _summit_scatter(tangent: float) -> float:
     return depth * math.sqrt(math.gamma(5 / 3) - math.gamma(4 / 3) ** 2)
 
 
-def _flaw_of_profile(
-    heap: repose_angles.Heap, angles: Mapping[tuple[str, str, str], float], sides: Sequence[str]
-) -> str:
-    missing = [side for side in sides if (GRAPHICAL, LINE, side) not in angles]
-    if missing:
-        return f"the {missing[0]} flank is too short to fit a line"
+def _too_short(heap: repose_angles.Heap, sides: Sequence[str]) -> str:
+    """Which flanks have no line, so that their graphical angles and the mean are missing, or ""."""
+    missing = [side for side in sides if repose_angles.flank_line(heap, side) is None]
+    if not missing:
+        return ""
+    return f"the {' and the '.join(missing)} flank {'is' if len(missing) == 1 else 'are'} too short to fit a line"
+
+
+def _flaw_of_profile(heap: repose_angles.Heap, sides: Sequence[str]) -> str:
+    if short := _too_short(heap, sides):
+        return short
     for side in sides:
         line = repose_angles.flank_line(heap, side)
         if line is not None and line.angle > repose_angles.STEEPEST_FLANK:

@@ -97,7 +97,7 @@ def observe_photo(
     if camera.base is not None:
         look = partial(look, base=camera.base, flank=camera.flank)
     try:
-        found = look(beads_across=ratio)
+        found = _sized(look, ratio)
     except NothingToMeasure as nothing:
         advice = [
             "a side view of the whole heap",
@@ -147,6 +147,23 @@ def observe_photo(
         )
 
     return seen, view, partial(picture_marks, found, profile, scale, camera.flank, seen.grain), draw
+
+
+def _sized(look: Callable[..., Silhouette], beads_across: float | None) -> Silhouette:
+    """The heap with beads as small as stated against the base, or where none is found so, as small as they are seen.
+
+    A stated size that is wrong by a factor then fails the check of the sizes instead of hiding the heap.
+    """
+    try:
+        return look(beads_across=beads_across)
+    except NothingToMeasure:
+        if beads_across is None:
+            raise
+        try:
+            return look(beads_across=None)
+        except NothingToMeasure:
+            pass
+        raise
 
 
 def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:

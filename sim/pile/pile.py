@@ -413,5 +413,10 @@ def _check(rig: Pile, particle: Particle, count: int, settle_limit: float) -> No
         )
     if not (math.isfinite(rig.rim_height) and rig.rim_height >= 0):
         raise BadInput(f"rim_height: {rig.rim_height:g} m is not a height; give zero or more.")
+    if rig.rim_height > rig.base_diameter:
+        raise BadInput(
+            f"rim_height: {rig.rim_height * 1e3:.0f} mm is more than the base diameter of "
+            f"{rig.base_diameter * 1e3:.3g} mm; give the height of the rim above the base."
+        )
     if count < 1:
         raise BadInput(f"count: {count} beads make no heap; give at least 1.")

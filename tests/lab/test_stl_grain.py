@@ -163,6 +163,7 @@ def test_a_sheet_is_no_grain():
         (b"solid nothing\nendsolid nothing\n", "STL"),
         (b"not a mesh at all", "STL"),
         (b"\x00" * 80 + b"\xff\xff\xff\xff" + b"\x00" * 50, "cut off"),  # claims four billion facets
+        (b"\xff\xd8\xff\xe0" + b"\xff" * 200 + b"\x00", r"grain.stl: is a picture \(JPEG\), no STL file"),
     ],
 )
 def test_what_is_no_stl_is_refused(tmp_path, content, words):

@@ -57,6 +57,16 @@ def test_a_refused_film_leaves_a_picture_that_the_message_names(rig, film, tmp_p
     assert np.abs(rows / zoom - 120).max() == pytest.approx(68, abs=5)
 
 
+@pytest.mark.parametrize("rig", ["drop", "hopper"])
+def test_a_refused_film_that_is_cut_off_is_first_said_to_be(rig, film, tmp_path):
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(film.read_bytes()[: film.stat().st_size // 3])
+    with pytest.raises(NothingToMeasure) as refused:
+        rigtwin.measure(rig, cut, **RIGS[rig])
+    assert str(refused.value).startswith(f"{cut}: the file is shorter than its header states")
+    assert str(refused.value).count(str(cut)) == 1
+
+
 @pytest.mark.parametrize("rig", PHOTOS)
 def test_a_refused_photo_leaves_a_picture_that_the_message_names(rig, tmp_path):
     photo = tmp_path / "noise.png"

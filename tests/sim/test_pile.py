@@ -181,6 +181,7 @@ def test_one_bead_casts_a_round_silhouette(x, y, z, view):
         (Pile(-0.09), 10, "base_diameter"),
         (Pile(0.01), 10, "base_diameter"),
         (Pile(0.09, rim_height=-0.01), 10, "rim_height"),
+        (Pile(0.09, rim_height=10.0), 10, "rim_height: 10000 mm is more than the base diameter of 90 mm"),
         (Pile(0.09, outlet_diameter=0.007), 10, "outlet_diameter"),
         (Pile(0.09), 0, "count"),
     ],

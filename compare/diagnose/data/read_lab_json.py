@@ -28,6 +28,7 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.input_files import LARGEST_NOTES, OUTSIDE, lies_outside, read_bytes, unquoted, why_not_ordinary
 from rigtwin.lab.materials import no_bead_has
+from rigtwin.lab.media_files import kind_of
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.lab.tracked.read import read_tracks
@@ -161,7 +162,9 @@ def read_document(file: Path) -> dict[str, Any]:
         content = read_bytes(file, advice=advice, largest=LARGEST_NOTES, refuse=BadLabFile)
         document = json.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
-        raise BadLabFile(f"{file}: is not UTF-8 text; save the file as UTF-8.") from None
+        kind = kind_of(content)
+        why = f"{kind}, no JSON text; give a lab.json" if kind else "not UTF-8 text; save the file as UTF-8"
+        raise BadLabFile(f"{file}: is {why}.") from None
     except (ValueError, RecursionError) as error:
         raise BadLabFile(f"{file}: is not valid JSON ({error}); correct it there.") from None
     if not isinstance(document, dict):

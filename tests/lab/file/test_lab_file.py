@@ -253,10 +253,14 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
             'averaged = "no"',
             "experiment 1, camera.averaged",
             "averaged",
-            "neither true nor false",
+            "is not used by a drop",
         ),
         ('"60 frames"', '"6 frames"', "experiment 1, camera.end", "end =", "not after start"),
         ('"12 frames"', '"-1 s"', "experiment 1, camera.start", "start =", "before the clip begins"),
+        ("count = 1000", 'camera.circle = "1,2,3"', "experiment 3, camera.circle", "circle", "is not used by a pile"),
+        ("count = 1000", 'camera.frame_rate = "30 Hz"', "experiment 3, camera.frame_rate", "camera.frame", "by a pile"),
+        ("count = 1000", 'camera.start = "3 s"', "experiment 3, camera.start", "camera.start", "not used by a pile"),
+        ("count = 1000", 'rim_height = "300 m"', "experiment 3, rim_height", "rim_height", "at most 10 m"),
         ('"11 GPa"', '"11 kg"', "materials.ash.youngs_modulus", "11 kg", "wrong unit for a pressure"),
         ("0.44", "0.5", "materials.ash.poisson_ratio", "poisson_ratio", "at most 0.499"),
         ("restitution = 0.5", "restitution = 1.2", "contacts.steel-oak-bead.restitution", "1.2", "at most 1"),
@@ -378,6 +382,20 @@ def test_a_lab_without_experiments_is_refused(tmp_path):
 def test_a_file_that_is_not_utf_8_is_refused_with_its_line(tmp_path):
     (tmp_path / "lab.toml").write_bytes("[lab]\n# 90 µm\n".encode("latin-1"))
     with pytest.raises(BadLabFile, match="line 2: is not UTF-8"):
+        read_lab(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        (b"\xff\xd8\xff\xe0\x00\x10JFIF", r"a picture \(JPEG\)"),
+        (b"\x00\x00\x00\x20ftypisom\xff", r"a film \(MP4\)"),
+        (b"solid wall\nfacet normal 0 0 1\nendfacet\nendsolid", "an STL file"),
+    ],
+)
+def test_another_kind_of_file_is_named(tmp_path, content, kind):
+    (tmp_path / "lab.toml").write_bytes(content)
+    with pytest.raises(BadLabFile, match=f"lab.toml: is {kind}, no text with keys"):
         read_lab(tmp_path)
 
 

@@ -9,6 +9,7 @@ import pytest
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.records import Track
 from rigtwin.measure.drop import evaluate as drop
+from rigtwin.measure.drop.lost_frames import ODD
 from rigtwin.measure.media.frame_loss import Loss, in_time
 
 G = 9.81
@@ -230,6 +231,19 @@ def test_a_lost_frame_that_growth_may_explain_is_not_corrected_silently(bounce):
     result = drop.evaluate(record(without(gone), rate=240.0, duration=0.75, seed=3, towards=0.1))
     assert all(abs(far) < 3 or reason for far, reason in off(result))
     assert "1 frame lost" in check(result, "frame_timing").message
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_irregularity_below_half_a_frame_at_a_contact_is_no_frame_shown_twice(seed):
+    seen = record(whole, rate=240.0, duration=0.9, seed=seed)
+    later = seen.time > contact(3, drop_height=0.2, restitution=0.7)
+    assert check(drop.evaluate(replace(seen, time=seen.time - 0.4 / 240 * later)), "frame_timing").passed
+
+
+def test_a_cause_of_uneven_contacts_is_looked_for_where_chance_is_none():
+    from scipy.stats import chi2
+
+    assert chi2.sf(ODD, 1) == pytest.approx(1e-3, rel=0.05)
 
 
 @pytest.mark.parametrize("towards", [0.25, -0.25])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +19,7 @@ from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.measure.drum import bed as drum_bed
 from rigtwin.measure.drum import checks as drum_checks
 from rigtwin.measure.drum import evaluate as drum
 from rigtwin.measure.drum import measurement as drum_measurement
@@ -527,6 +529,32 @@ def test_a_picture_that_is_stated_to_be_a_mean_has_no_part_for_its_moment(tmp_pa
     assert mean.camera["stated"] == ["circle", "averaged"]
 
 
+@pytest.mark.parametrize(
+    ("drum_diameter", "bead", "size"), [(0.15, 0.006, 1.0), (1.5, 0.006, 10.0), (0.15, 0.012, 0.5)]
+)
+def test_beads_that_are_not_as_large_as_stated_make_the_angles_doubtful(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drum_diameter: float, bead: float, size: float
+) -> None:
+    film(tmp_path / "drum.mp4", 30.0)  # of a drum 25 beads wide
+    monkeypatch.setattr(
+        drum_bed, "bead_spacing", lambda *_: 1.08 * 8.0
+    )  # drawn discs have none of the shading of beads
+    camera = Camera(frame_rate=30.0)
+    found = drum_measurement.measure(tmp_path / "drum.mp4", camera, drum_diameter=drum_diameter, bead_diameter=bead)
+    (check,) = [each for each in found.checks if each.check == "bead_size"]
+    assert check.value == pytest.approx(size, rel=0.02)
+    assert all((check.message[:-1] in one.doubtful) == (size != 1) for one in found.quantities)
+
+
+def test_beads_whose_distance_differs_from_frame_to_frame_are_not_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    film(tmp_path / "drum.mp4", 30.0)
+    found = iter([8.0, None, 12.0, 17.0, None])
+    monkeypatch.setattr(drum_bed, "bead_spacing", lambda *_: next(found))
+    assert not [each for each in measured(tmp_path / "drum.mp4").checks if each.check == "bead_size"]
+
+
 def drum_beside_a_plate(path: Path) -> None:
     """A drum of radius 80 px round (400, 120) whose surface falls by 38 degrees, beside a plate with a clear rim."""
     picture = np.full((300, 520), 225, np.uint8)
@@ -577,6 +605,20 @@ def test_the_uncertainty_of_a_stated_circle_is_in_the_angle(tmp_path: Path) -> N
         assert abs(given.value - seen.value) < 2 * given.std_uncertainty
 
 
+@pytest.mark.parametrize(
+    ("x", "radius", "wrong"), [(0.0, 1.0, False), (0.0, 1.12, False), (0.0, 0.55, True), (0.25, 1.0, True)]
+)
+def test_a_stated_circle_that_the_picture_contradicts_makes_every_angle_doubtful(
+    tmp_path: Path, x: float, radius: float, wrong: bool
+) -> None:
+    film(tmp_path / "drum.mp4", 30.0)
+    circle = (CENTRE[0] + x * RADIUS_PX, CENTRE[1], radius * RADIUS_PX)  # of the rim, the flange, and of nothing
+    found = drum_measurement.measure(tmp_path / "drum.mp4", Camera(frame_rate=30.0, circle=circle), drum_diameter=0.15)
+    said = f"% of the stated circle of radius {circle[2]:.0f} px .* % of the found circle of radius (99|100|101) px"
+    for one in found.quantities:
+        assert bool(re.search(said, one.doubtful)) == wrong, one.doubtful
+
+
 def test_a_circle_that_does_not_fit_the_picture_is_refused(tmp_path: Path) -> None:
     drum_beside_a_plate(tmp_path / "drum.png")
     for circle, region, complaint in (
@@ -621,7 +663,7 @@ def test_a_heap_that_slides_away_in_no_drum_is_refused(tmp_path: Path) -> None:
                 container.mux(packet)
         for packet in stream.encode():
             container.mux(packet)
-    with pytest.raises(NothingToMeasure, match="no edge of a round rim was found around what moves"):
+    with pytest.raises(NothingToMeasure, match="The upper border of what moves bows by"):
         measured(tmp_path / "heap.mp4")
 
 

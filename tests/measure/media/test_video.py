@@ -237,6 +237,11 @@ def test_an_end_beyond_the_clip_gives_a_warning(tmp_path, end, beyond):
     assert video.last == 11
 
 
+def test_a_start_beyond_the_clip_is_refused_with_the_clips_end(tmp_path):
+    with pytest.raises(BadInput, match=r"--start 100 s lies beyond the clip, whose last picture \(11f\) is at 0.44 s"):
+        open_video(regular(tmp_path), Camera(frame_rate=25.0, start=Moment(100, "s")))
+
+
 def test_sound_alone_is_no_video(tmp_path):
     path = tmp_path / "sound.wav"
     with av.open(str(path), "w") as container:

@@ -440,12 +440,16 @@ def test_a_wrong_stated_size_never_misleads_in_silence(tmp_path, cylinder, bead)
     assert cylinder == 1 or pick(result, "bulk_density").doubtful
 
 
-@pytest.mark.parametrize("cylinder", [pytest.param(0.5, marks=pytest.mark.slow), 0.95, 1.8])
+@pytest.mark.parametrize("cylinder", [pytest.param(0.5, marks=pytest.mark.slow), 0.95, 1.8, 0.1, 10.0])
 def test_without_the_beads_size_the_gauge_contradicts_a_wrong_cylinder(tmp_path, cylinder):
     photo = tmp_path / "bed.png"
     draw(photo)
     result = packing.measure([photo], Camera(), cylinder_diameter=cylinder * CYLINDER, total_mass=0.1)
-    assert all("--cylinder-diameter is wrong" in each.doubtful for each in result.quantities)
+    said = (
+        "--cylinder-diameter is wrong" if 0.45 < cylinder < 2.2 else "times the cylinder's: check --cylinder-diameter"
+    )
+    assert all(said in each.doubtful for each in result.quantities)
+    assert not any("size not confirmed" in each for each in result.warnings)
 
 
 def test_without_the_beads_size_the_right_cylinder_is_not_accused(tmp_path):

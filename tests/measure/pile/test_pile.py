@@ -672,6 +672,25 @@ def test_a_stated_base_is_held_against_the_base_that_is_seen(
         assert ("stated base" in one.doubtful) == said
 
 
+def test_flanks_too_short_for_a_line_are_named_with_the_angle_that_is_missing() -> None:
+    x = np.linspace(-0.05, 0.05, 41)
+    block = Profile(x, np.where(np.abs(x) < 0.03, 0.01, np.nan), np.full(len(x), 1e-4), view="front")
+    result = evaluate([block], bead_diameter=BEAD)
+    assert not [one for one in result.quantities if (one.quantity, one.method) == (GRAPHICAL, "line 15-85 %")]
+    said = "graphical angle of repose: not given, because the left and the right flank are too short to fit a line."
+    assert said in result.warnings
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_a_base_wrong_by_a_factor_of_ten_hides_no_heap(tmp_path: Path, factor: float) -> None:
+    scene = SCENES["plain"]
+    width = factor * scene.base * BEAD
+    result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=width, bead_diameter=BEAD)
+    lengths = [one for one in result.quantities if one.unit == "m"]
+    assert lengths
+    assert all("as large as stated" in one.doubtful for one in lengths)
+
+
 def test_a_heap_against_a_wall_has_the_angle_of_its_one_flank(tmp_path: Path) -> None:
     scene = Scene(seed=9)
     (left, y), (right, _) = base_of(scene)
