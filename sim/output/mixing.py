@@ -71,7 +71,7 @@ def lacey(centres: Array, marked: Mask, cell: float) -> float:
 
     References
     ----------
-    Lacey 1954, J. Appl.  Chem. 4, 257.
+    Lacey 1954, J. Appl. Chem. 4, 257.
 
     Examples
     --------
