@@ -119,7 +119,7 @@ def _deck(code: Code, rig: str) -> Command:
 
 def deck_of(code: Code, work: partial[Any]) -> Any:
     """The deck of a twin, from the `work` of its command of ``simulate``."""
-    from rigtwin.lab.errors import BadInput, worded
+    from rigtwin.lab.errors import BadInput, reworded_refusals
     from rigtwin.sim.decks.deck import Deck
 
     rig, (particle, wall, contact, wall_contact) = work.args
@@ -139,7 +139,7 @@ def deck_of(code: Code, work: partial[Any]) -> Any:
     settings["notes"] = said.pop("notes", ())
     located = said.pop("located", str)
     options = {name: value for name, value in said.items() if value is not None}
-    with worded(located):
+    with reworded_refusals(located):
         deck = Deck(code, rig, particle, wall, contact, wall_contact, count, options=options, **settings)
         # what the rig leaves open and a deck must state is part of its rig from here on
         return replace(deck, rig=deck.scene.rig)

@@ -18,7 +18,7 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.file.option_names import as_written_in, written_in_lab
+from rigtwin.lab.file.option_names import naming_lab_keys, reworded_measurement
 from rigtwin.lab.formatting import siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
@@ -178,10 +178,10 @@ def measure_repetition(
     """
     try:
         with (
-            written_in_lab(experiment.rig_name, experiment.particle.name),
+            naming_lab_keys(experiment.rig_name, experiment.particle.name),
             unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)),
         ):
-            return as_written_in(_measure(experiment, views, out, **more))
+            return reworded_measurement(_measure(experiment, views, out, **more))
     except RigtwinError as error:
         if isinstance(error, BadInput):
             return Failure(views[0], str(error), error.seen, error.picture)

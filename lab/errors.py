@@ -134,8 +134,8 @@ class NothingToMeasure(BadInput):
 _change: ContextVar[Callable[[str], str]] = ContextVar("_change", default=str)
 
 
-def as_written(text: str) -> str:
-    """Return a message with the names by which the user states things: options, or within `worded` others.
+def reword(text: str) -> str:
+    """Return a message with the names by which the user states things: options, or within `reworded_refusals` others.
 
     Parameters
     ----------
@@ -151,8 +151,8 @@ def as_written(text: str) -> str:
 
 
 @contextmanager
-def worded(change: Callable[[str], str]) -> Iterator[None]:
-    """Change the words of refusals from within, and of what `as_written` is asked within.
+def reworded_refusals(change: Callable[[str], str]) -> Iterator[None]:
+    """Change the words of refusals from within, and of what `reword` is asked within.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def worded(change: Callable[[str], str]) -> Iterator[None]:
     try:
         yield
     except BadInput as error:
-        error.message = as_written(error.message)
+        error.message = reword(error.message)
         raise
     finally:
         _change.reset(before)

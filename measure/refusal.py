@@ -17,7 +17,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Image, Mask
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, RigtwinError, Seen, UnreadableMedia, as_written
+from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, RigtwinError, Seen, UnreadableMedia, reword
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.measure.drawing import (
     ORANGE,
@@ -114,7 +114,7 @@ def _write(out: Path, medium: Path, camera: Camera, seen: Seen, why: str) -> Pat
             picture, when, changed = _of_film(medium, camera, seen.frame)
         except UnreadableMedia:  # a photo
             picture, when, changed = read_photo(medium, camera)[0], "", None
-        reason = as_written(why).removeprefix(f"{medium}: ").rstrip(".")
+        reason = reword(why).removeprefix(f"{medium}: ").rstrip(".")
         path = picture_of(medium, out)
         save_picture(path, _drawn(picture, changed, camera, seen.marks, [f"not measured: {reason}", when]))
         return path
@@ -168,7 +168,7 @@ def _draw(picture: Image, mark: Mark, zoom: float, colour: Colour) -> None:
     else:
         draw_cross(picture, points[0], 8.0, colour)
     x, y = min(points, key=lambda point: point[1])
-    draw_text(picture, as_written(mark.label), (x + 4, y - mark.radius * zoom - 4), colour)
+    draw_text(picture, reword(mark.label), (x + 4, y - mark.radius * zoom - 4), colour)
 
 
 def _stated(camera: Camera) -> Iterator[Mark]:

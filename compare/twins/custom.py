@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Unpack
 from rigtwin.compare.twins import by_name
 from rigtwin.compare.twins.many_body import Cast, Computed, bulk_twin
 from rigtwin.compare.twins.twin import Twin
-from rigtwin.lab.errors import worded
+from rigtwin.lab.errors import reworded_refusals
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Evaluation, Quantity
 
@@ -103,7 +103,7 @@ def custom_twin(
     from rigtwin.sim import custom
 
     begun = time.perf_counter()
-    with worded(located):
+    with reworded_refusals(located):
         course = custom.run(rig, *cast, count=count, seed=seed, surfaces=surfaces, progress=progress, **numerics)
     twin = custom_result(rig, cast, course, Computed(begun, seed, numerics.get("threads")), surfaces=surfaces)
     return replace(twin, warnings=(*notes, *twin.warnings))

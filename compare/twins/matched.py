@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.run_warnings import fit_for_a_lab
 from rigtwin.compare.twins.twin import Twin, stated
-from rigtwin.lab.errors import as_written
+from rigtwin.lab.errors import reword
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
-from rigtwin.lab.file.option_names import written_in_lab
+from rigtwin.lab.file.option_names import naming_lab_keys
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.version import __version__
@@ -142,7 +142,7 @@ def twin_of(
         if kept_in is not None:
             decides = {"seed": seed, "threads": threads, "effects": model.effects, **chosen}
             numerics["checkpoint"] = _checkpoint(kept_in, experiment, contacts, count, decides)
-    with written_in_lab(experiment.rig_name, experiment.particle.name):
+    with naming_lab_keys(experiment.rig_name, experiment.particle.name):
         twin = entry.twin(
             experiment,
             contacts,
@@ -155,7 +155,7 @@ def twin_of(
             numerics=numerics,
         )
         if entry.many_particles:
-            return replace(twin, warnings=fit_for_a_lab(map(as_written, twin.warnings)))
+            return replace(twin, warnings=fit_for_a_lab(map(reword, twin.warnings)))
     return replace(twin, set_from=set_from)
 
 

@@ -17,7 +17,7 @@ from rigtwin.lab.checksums import copies
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.model_file import Model
-from rigtwin.lab.file.option_names import written_in_lab
+from rigtwin.lab.file.option_names import naming_lab_keys
 from rigtwin.lab.file.own_particles import filling_in_words
 from rigtwin.lab.file.repetitions import Views, expanded
 from rigtwin.lab.file.schema import (
@@ -483,7 +483,7 @@ def _camera_problems(
     if found:
         return found
     try:
-        with written_in_lab(entry.rig, entry.particle):
+        with naming_lab_keys(entry.rig, entry.particle):
             camera.camera(folder)
     except BadInput as error:
         return [Problem(key, str(error))]

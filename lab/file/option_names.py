@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import cache, partial
 from typing import get_args
 
-from rigtwin.lab.errors import as_written, worded
+from rigtwin.lab.errors import reword, reworded_refusals
 from rigtwin.lab.file.schema import ExperimentEntry, ParticleEntry, keys_of_camera
 from rigtwin.lab.quantity import Measurement
 
@@ -63,8 +63,8 @@ def _keys(rig: str) -> set[str]:
     return {*entries[rig].model_fields, *keys_of_camera(rig)}
 
 
-def written_in_lab(rig: str, particle: str) -> AbstractContextManager[None]:
-    """Let refusals from within, and what `as_written` is asked within, name keys of lab.toml.
+def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:
+    """Let refusals from within, and what `reword` is asked within, name keys of lab.toml.
 
     Parameters
     ----------
@@ -76,11 +76,11 @@ def written_in_lab(rig: str, particle: str) -> AbstractContextManager[None]:
     context manager
         Of the names.
     """
-    return worded(partial(in_keys, rig=rig, particle=particle))
+    return reworded_refusals(partial(in_keys, rig=rig, particle=particle))
 
 
-def as_written_in(found: Measurement) -> Measurement:
-    """Return a measurement whose sentences are `as_written`.
+def reworded_measurement(found: Measurement) -> Measurement:
+    """Return a measurement whose sentences are `reword`.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def as_written_in(found: Measurement) -> Measurement:
     """
     return replace(
         found,
-        quantities=tuple(replace(one, doubtful=as_written(one.doubtful)) for one in found.quantities),
-        checks=tuple(replace(one, message=as_written(one.message)) for one in found.checks),
-        warnings=tuple(map(as_written, found.warnings)),
+        quantities=tuple(replace(one, doubtful=reword(one.doubtful)) for one in found.quantities),
+        checks=tuple(replace(one, message=reword(one.message)) for one in found.checks),
+        warnings=tuple(map(reword, found.warnings)),
     )

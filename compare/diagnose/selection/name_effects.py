@@ -43,7 +43,6 @@ GLANCE = 6.0  # promised gain in deviance below which a candidate is not fitted
 ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline shows that the old one was a poor minimum
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
-UNLED = 0.5  # share of the misfit that a pair may leave if a third effect is to be tried: 0.1 is left of what is named
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
 
@@ -369,9 +368,7 @@ def _grown(
         front = [one for one in front_of(singles, 3) if one.score > RIVAL * best.score and one.fitted.per_row < most]
     count = 2
     while count <= MOST_TERMS and len(rounds) < MOST_ROUNDS:
-        if count > 2 and (
-            best.fitted.per_row > max(LOST, UNLED * search.base.per_row) or locate(bench, best.fitted).p > 1e-3
-        ):
+        if count > 2 and locate(bench, best.fitted).p > 1e-3:
             break
         grown = []
         for number, root in enumerate(front if count == 2 else front[:1]):
