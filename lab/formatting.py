@@ -144,7 +144,7 @@ def siblings(detail: Mapping[str, object]) -> str:
 def reading(value: float | None, std_uncertainty: float | None, unit: str) -> str:
     """Return a value with one standard uncertainty, rounded to the uncertainty's second digit.
 
-    A value gets five digits at most; a smaller uncertainty is shown as one unit of its last digit.
+    Decimals end at the value's fifth digit; a smaller uncertainty is shown as one unit of the last place.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def candidates(fitted: Sequence[Experiment]) -> list[Experiment]:
     Returns
     -------
     list of Experiment
-        Candidates, one for each rig that is not fitted yet.
+        One for each of these rigs.
     """
     known = fitted[0]
     d = known.particle.diameter

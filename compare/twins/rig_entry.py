@@ -201,7 +201,7 @@ class RigEntry(ABC, Generic[Settings]):
         Returns
         -------
         iterable of Overlay
-            One for each kind of curve.
+            Measured and simulated curves that are drawn on common axes.
         """
 
     def filling(self, experiment: Experiment) -> float | None:

@@ -271,7 +271,7 @@ def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
     Parameters
     ----------
     deck : Deck
-        Deck with type C rolling friction.
+        Deck whose particle and contact radius are used.
     law : PairLaw
         Constants of the contact.
     radius : float
