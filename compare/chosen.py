@@ -16,7 +16,7 @@ def chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:
     Parameters
     ----------
     lab : Lab
-        The lab.
+        Lab that holds the experiments.
     only : sequence of str or None
         Names of experiments; None or empty: all.
 
@@ -45,7 +45,7 @@ def known_scatter(experiment: Experiment, quantity: str) -> Scatter:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose repetitions scatter.
     quantity : str
         Name of the quantity.
 

@@ -333,7 +333,7 @@ def observations(comparison: Comparison) -> list[dict[str, Any]]:
     Parameters
     ----------
     comparison : Comparison
-        The comparison.
+        Comparison whose quantities become rows.
 
     Returns
     -------
@@ -359,14 +359,14 @@ def provenance(comparison: Comparison, figures: Sequence[FigureFile] = ()) -> di
     Parameters
     ----------
     comparison : Comparison
-        The comparison.
+        Comparison that the document describes.
     figures : sequence of FigureFile
         The figures of its page.
 
     Returns
     -------
     dict
-        The content.
+        Object that is written as JSON.
     """
     lab = comparison.lab
     media = [view for outcome in comparison.outcomes for views in outcome.experiment.repetitions for view in views]

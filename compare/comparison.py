@@ -76,7 +76,7 @@ class Comparison:
 
     @property
     def deviations(self) -> tuple[Deviation, ...]:
-        """Those of all experiments, in the order of the lab file."""
+        """Deviations of all experiments, in the order of the lab file."""
         return tuple(row for outcome in self.outcomes for row in outcome.deviations)
 
     @property

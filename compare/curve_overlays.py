@@ -144,7 +144,7 @@ def comparable(found: Iterable[Overlay]) -> tuple[Overlay, ...]:
     Parameters
     ----------
     found : iterable of Overlay
-        The overlays.
+        Overlays, some perhaps with one side only.
 
     Returns
     -------
@@ -427,7 +427,7 @@ def middle(profile: Profile) -> float:
     Parameters
     ----------
     profile : Profile
-        The profile.
+        Profile of a heap or bed.
 
     Returns
     -------

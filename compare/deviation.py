@@ -146,7 +146,7 @@ def key_of(quantity: Quantity) -> Key:
     Parameters
     ----------
     quantity : Quantity
-        The quantity.
+        Quantity of one repetition.
 
     Returns
     -------
@@ -353,7 +353,7 @@ def group(quantities: Iterable[Quantity]) -> dict[Key, list[Quantity]]:
     Parameters
     ----------
     quantities : iterable of Quantity
-        The quantities.
+        Quantities of all repetitions.
 
     Returns
     -------
@@ -479,7 +479,7 @@ def verdict_counts(rows: Iterable[Deviation]) -> dict[str, int]:
     Parameters
     ----------
     rows : iterable of Deviation
-        The rows.
+        Rows whose verdicts are counted.
 
     Returns
     -------
@@ -506,12 +506,12 @@ def summarized(rows: Sequence[Deviation]) -> str:
     Parameters
     ----------
     rows : sequence of Deviation
-        The rows.
+        Rows whose verdicts are counted.
 
     Returns
     -------
     str
-        A clause.
+        Number of rows and of each verdict, as a clause.
 
     Examples
     --------

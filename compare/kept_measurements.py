@@ -78,7 +78,7 @@ class KeptMeasurements:
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment of the repetition.
         views : sequence of Path
             Media of the repetition.
         known : mapping
@@ -110,7 +110,7 @@ class KeptMeasurements:
         Parameters
         ----------
         key : str
-            Its key.
+            Digest from `key`.
         views : sequence of Path
             Media of the repetition.
 
@@ -139,7 +139,7 @@ class KeptMeasurements:
         Parameters
         ----------
         key : str
-            Its key.
+            Digest from `key`.
         found : Measurement or str
             The measurement, or why it failed.
         picture : Path, optional

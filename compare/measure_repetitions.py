@@ -123,12 +123,12 @@ def rejections(experiment: Experiment) -> list[str]:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose files are checked.
 
     Returns
     -------
     list of str
-        The warnings.
+        Warnings, one for each rejected file.
     """
     return [f"{file.name} is rejected in lab.toml: {why}" for file, why in experiment.rejected.items()]
 
@@ -139,9 +139,9 @@ def replaces(stated: Quantity, found: Quantity, experiment: Experiment) -> bool:
     Parameters
     ----------
     stated : Quantity
-        The stated quantity.
+        Quantity as lab.toml states it.
     found : Quantity
-        The measured one.
+        Quantity as measured from media.
     experiment : Experiment
         Its rig decides which methods there are.
 
@@ -163,7 +163,7 @@ def measure_repetition(
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment of the repetition.
     views : sequence of Path
         Media of the repetition; several for a rig at rest.
     out : Path or None
@@ -197,7 +197,7 @@ def measuring(
     Parameters
     ----------
     experiments : sequence of Experiment
-        The experiments.
+        Experiments whose repetitions are measured.
     out : Path
         Folder of results, in which measurements are kept.
     workers : int, optional
@@ -294,7 +294,7 @@ def folders(experiments: Sequence[Experiment]) -> list[str]:
     Parameters
     ----------
     experiments : sequence of Experiment
-        The experiments.
+        Experiments that each need a folder.
 
     Returns
     -------
@@ -343,7 +343,7 @@ def known(experiment: Experiment) -> dict[str, Any]:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose entries are read.
 
     Returns
     -------

@@ -23,7 +23,7 @@ def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None)
     Parameters
     ----------
     lab : Lab
-        The lab.
+        Lab whose experiments are checked.
     experiments : sequence of Experiment
         Its experiments that are compared.
     count : int or None
@@ -65,7 +65,7 @@ def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
     Parameters
     ----------
     lab : Lab
-        The lab.
+        Lab whose media are checked.
     experiments : sequence of Experiment
         Its experiments that are measured.
 

@@ -148,7 +148,7 @@ def claimed(out: Path) -> Iterator[None]:
     Parameters
     ----------
     out : Path
-        The folder.
+        Folder that the results are written to.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def observation(experiment: str, rig: str, origin: str, repetition: str, quantit
     repetition : str
         File of the repetition, or name of the run.
     quantity : Quantity
-        The quantity.
+        Quantity that becomes a row.
 
     Returns
     -------
@@ -204,9 +204,9 @@ def relative(path: Path, folder: Path) -> str:
     Parameters
     ----------
     path : Path
-        The path.
+        Path to be shortened.
     folder : Path
-        The folder.
+        Folder that it may lie in.
 
     Returns
     -------
@@ -225,7 +225,7 @@ def deviations_csv(rows: Iterable[Deviation]) -> str:
     Parameters
     ----------
     rows : iterable of Deviation
-        The rows.
+        Rows of the table of deviations.
 
     Returns
     -------
@@ -243,7 +243,7 @@ def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
     rows : sequence of mapping
         Cells by column; a missing one is empty.
     columns : sequence of str
-        The columns.
+        Columns, in the order in which they are written.
 
     Returns
     -------

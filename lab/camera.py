@@ -227,7 +227,7 @@ def camera_for_each(camera: Camera | Sequence[Camera], media: Sequence[Path]) ->
     camera : Camera or sequence of Camera
         The same one for all, or one each in the order of the photos.
     media : sequence of Path
-        The photos.
+        Photos, in the order of the cameras.
 
     Returns
     -------
@@ -256,7 +256,8 @@ def known_length(text: str, *, name: str = "known_length") -> KnownLength:
     Raises
     ------
     BadQuantity
-        If the text is not like this, or spans no length.
+        If the text is not like this, its ends are less than `SHORTEST_LINE` apart, or its length is not positive or is
+        above `LONGEST`.
 
     Examples
     --------

@@ -18,7 +18,7 @@ def all_different(views: Sequence[Path]) -> None:
     Parameters
     ----------
     views : sequence of Path
-        The files.
+        Files of one repetition.
 
     Raises
     ------

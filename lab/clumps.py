@@ -92,7 +92,8 @@ def clump(offsets: Sequence[Vector], radii: Sequence[float] | float, *, accuracy
     Raises
     ------
     BadInput
-        If a number is not possible.
+        If a centre is not finite, a radius is not positive, there is no sphere or not one radius for each, or
+        `accuracy` is not between 0 and 1.
 
     Examples
     --------
@@ -117,13 +118,13 @@ def _clump(offsets: tuple[Vector, ...], radii: tuple[float, ...], accuracy: floa
 
 
 def apart(centres: Array, radii: Array) -> int | None:
-    """Find a sphere that does not hang together with the first one.
+    """Find a sphere that is not connected with the first one.
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
 
     Returns
@@ -154,14 +155,14 @@ def principal_axes(tensor: Array, accuracy: float = ACCURACY) -> Array:
 
     Parameters
     ----------
-    tensor : Array, shape (3, 3)
+    tensor : ndarray, shape (3, 3)
         The tensor, in any unit.
     accuracy : float
         Off-diagonal part over the trace [1] up to which the given axes count as principal and are kept.
 
     Returns
     -------
-    Array, shape (3, 3)
+    ndarray, shape (3, 3)
         The axes as columns, right-handed.
     """
     import numpy as np
@@ -181,7 +182,7 @@ def mass_properties(offsets: Sequence[Vector], radii: Sequence[float], *, accura
     """Return volume, centre and inertia tensor of a union of spheres.
 
     The union is cut into columns, in each of which its length and moments are exact; the columns are halved until that
-    changes no number by more than half the accuracy.
+    changes no number by more than half the accuracy, or `FINEST` columns are reached.
 
     Parameters
     ----------
@@ -200,7 +201,8 @@ def mass_properties(offsets: Sequence[Vector], radii: Sequence[float], *, accura
     Raises
     ------
     BadInput
-        If a number is not possible.
+        If a centre is not finite, a radius is not positive, there is no sphere or not one radius for each, or
+        `accuracy` is not between 0 and 1.
     """
     import numpy as np
 

@@ -144,6 +144,8 @@ def siblings(detail: Mapping[str, object]) -> str:
 def reading(value: float | None, std_uncertainty: float | None, unit: str) -> str:
     """Return a value with one standard uncertainty, rounded to the uncertainty's second digit.
 
+    Decimals end at the value's fifth digit; a smaller uncertainty is shown as one unit of the last place.
+
     Parameters
     ----------
     value : float or None

@@ -24,7 +24,7 @@ def why_not_ordinary(path: Path) -> str:
     Parameters
     ----------
     path : Path
-        The path.
+        Path that is to be read.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def must_have_few_rows(path: Path, rows: int) -> None:
     Parameters
     ----------
     path : Path
-        The table.
+        Table to be read.
     rows : int
         Number of its rows.
 
@@ -135,7 +135,7 @@ def decoding(path: Path, what: str, advice: str, refuse: type[BadInput] = Unread
     Parameters
     ----------
     path : Path
-        The file.
+        File that the library reads.
     what : str
         What it should be, in words.
     advice : str
@@ -165,7 +165,7 @@ def lies_outside(path: Path, folder: Path) -> bool:
     path : Path
         The file; of a folder of pictures, one of them is enough.
     folder : Path
-        The folder.
+        Folder that it should lie in.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def unquoted(path: Path, *, outside: bool) -> Iterator[None]:
     Parameters
     ----------
     path : Path
-        The file.
+        File that is read.
     outside : bool
         Whether it lies outside.
 

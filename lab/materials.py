@@ -242,11 +242,11 @@ def clumped(
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the particle.
     material : Material
-        Its material.
+        Material of all spheres.
     shape : Clump
-        Its spheres.
+        Spheres of the clump, with their mass properties.
     density : float, optional
         Density over the volume of the union [kg/m^3].  Default: that of the material.
     mass : float, optional
@@ -280,7 +280,7 @@ def scaled(particle: Particle, factor: float) -> Particle:
     Parameters
     ----------
     particle : Particle
-        The particle.
+        Particle to be scaled.
     factor : float
         The factor [1].
 

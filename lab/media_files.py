@@ -18,7 +18,7 @@ def in_order(file: Path) -> tuple[list[Any], str]:
     Parameters
     ----------
     file : Path
-        The file.
+        File to be sorted by its name.
 
     Returns
     -------

@@ -68,7 +68,7 @@ def naming(path: Path) -> Iterator[None]:
     Parameters
     ----------
     path : Path
-        The file.
+        File that is to be written.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def claimed_folder(folder: Path, refusal: str) -> Iterator[None]:
 
 @contextmanager
 def claimed_file(file: Path, refusal: str) -> Iterator[None]:
-    """Keep a file that is written again and again from two runs at once; beside it stands ``NAME.lock`` meanwhile.
+    """Lock a file that is written again and again against a second run; ``NAME.lock`` stands beside it meanwhile.
 
     Parameters
     ----------

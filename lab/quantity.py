@@ -109,7 +109,7 @@ def doubted(quantity: Quantity, why: str) -> Quantity:
     Parameters
     ----------
     quantity : Quantity
-        The quantity.
+        Quantity to be marked.
     why : str
         The reason; empty: nothing changes.
 
@@ -181,7 +181,7 @@ def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str
     Parameters
     ----------
     checks : iterable of Check
-        The checks.
+        Checks of the number, passed or failed.
     among : collection of str, optional
         Names of those that the number rests on.  Default: all.
 

@@ -66,7 +66,7 @@ def write_load(path: Path, load: WallLoad) -> None:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the CSV file.
     load : WallLoad
         The load; only that of a wall that turns has a column ``torque_axis_Nm``.
     """
@@ -84,9 +84,9 @@ def write_tracks(path: Path, tracks: Sequence[Track]) -> None:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the CSV file.
     tracks : sequence of Track
-        The tracks.
+        Tracks, one for each body.
     """
     rows = [
         (f"{t:.9g}", f"{x:.9g}", f"{y:.9g}", f"{sigma:.3g}", track.body)
@@ -102,9 +102,9 @@ def write_profile(path: Path, profile: Profile) -> None:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the CSV file.
     profile : Profile
-        The profile.
+        Profile of a bed or heap.
     """
     points = zip(profile.x, profile.height, profile.sigma, strict=True)
     _write(path, ("x_m", "height_m", "sigma_m"), [(f"{x:.9g}", f"{h:.9g}", f"{sigma:.3g}") for x, h, sigma in points])
@@ -116,10 +116,10 @@ def write_profiles(path: Path, profiles: Sequence[Profile], times: Array) -> Non
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the CSV file.
     profiles : sequence of Profile
         The surface at each time.
-    times : Array, shape (n,)
+    times : ndarray, shape (n,)
         The times [s].
     """
     rows = [
@@ -137,9 +137,9 @@ def write_series(path: Path, series: Series) -> None:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the CSV file.
     series : Series
-        The series.
+        Series of one quantity.
     """
     named = series.quantity if series.unit == "1" else f"{series.quantity}_{series.unit}"
     pairs = zip(series.time, series.value, strict=True)

@@ -40,7 +40,8 @@ def rolling_friction(coefficient: float, radius: float, other: float = math.inf,
     Raises
     ------
     BadInput
-        For the effective radius between unequal spheres: there both feel one torque, here each its own.
+        If `arm` is unknown, or for the effective radius between unequal spheres: there both feel one torque, here each
+        its own.
 
     Examples
     --------

@@ -159,7 +159,7 @@ class Sizes:
 
         Returns
         -------
-        Array, shape (count,)
+        ndarray, shape (count,)
             Diameters [m].
         """
         import numpy as np
@@ -184,7 +184,7 @@ class Sizes:
 
 
 def uniform(smallest: float, largest: float, *, by: By = "number") -> Sizes:
-    """Return diameters between two ends, all alike often.
+    """Return a uniform size distribution between two ends.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def uniform(smallest: float, largest: float, *, by: By = "number") -> Sizes:
     Raises
     ------
     BadInput
-        If the ends are not possible.
+        If the smallest diameter is not positive or is above the largest.
 
     Examples
     --------
@@ -236,7 +236,8 @@ def normal(
     Raises
     ------
     BadInput
-        If a number is not possible, or nothing lies between the ends.
+        If `mean` or `std` is not positive, an end is not positive, the smallest diameter is not below the largest, or
+        nothing of the distribution lies between them.
     """
     if not (mean > 0 and std > 0):
         raise BadInput("sizes: mean and standard deviation must be positive.")
@@ -276,7 +277,8 @@ def lognormal(
     Raises
     ------
     BadInput
-        If a number is not possible, or nothing lies between the ends.
+        If `median` or `spread` is not positive, an end is not positive, the smallest diameter is not below the largest,
+        or nothing of the distribution lies between them.
     """
     import numpy as np
 
@@ -308,7 +310,8 @@ def listed(diameters: Sequence[float], shares: Sequence[float], *, by: By = "mas
     Raises
     ------
     BadInput
-        If a number is not possible, or two diameters are equal.
+        If a diameter is not positive, two diameters are equal, a share is negative or not finite, all are zero, or
+        there is not one for each diameter.
     """
     import numpy as np
 
@@ -349,7 +352,8 @@ def sieved(meshes: Sequence[float], masses: Sequence[float], *, by: By = "mass")
     Raises
     ------
     BadInput
-        If a number is not possible.
+        If the meshes are not positive or do not rise, or are not one more than the masses; or if a mass is negative or
+        not finite, or all are zero.
     """
     import numpy as np
 

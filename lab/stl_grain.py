@@ -55,7 +55,7 @@ class SphereFilling:
 
     @property
     def touching(self) -> bool:
-        """Whether all spheres hang together; between those that do not other particles may get into the body."""
+        """Whether the spheres are all connected; other particles may get into the body between those that are not."""
         import numpy as np
 
         return apart(np.array(self.clump.offsets), np.array(self.clump.radii)) is None
@@ -67,7 +67,7 @@ def read_stl(path: Path, unit: float) -> Trimesh:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the STL file.
     unit : float
         Length of 1 in the file [m].
 

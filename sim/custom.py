@@ -244,7 +244,7 @@ def enclosed(rig: CustomRig, particle: Particle) -> list[str]:
     rig : CustomRig
         Walls and fill region.
     particle : Particle
-        The particle.
+        Particle that fills the region.
 
     Returns
     -------
@@ -323,7 +323,7 @@ def motion_of(wall: StlWall) -> Motion | None:
     Parameters
     ----------
     wall : StlWall
-        The wall.
+        Wall, moving or at rest.
 
     Returns
     -------
@@ -359,7 +359,7 @@ def domain_of(rig: CustomRig, particle: Particle) -> tuple[Array, Array]:
 
     Returns
     -------
-    low, high : Array, shape (3,)
+    low, high : ndarray, shape (3,)
         Its corners [m].
     """
     if rig.low is not None and rig.high is not None:
@@ -377,11 +377,11 @@ def poses(rig: CustomRig, wall: StlWall) -> Array:
     rig : CustomRig
         Its duration is used.
     wall : StlWall
-        The wall.
+        Wall, moving or at rest.
 
     Returns
     -------
-    Array, shape (n, 3)
+    ndarray, shape (n, 3)
         The points [m].
     """
     corners, motion = _corners_of(wall).reshape(-1, 3), motion_of(wall)
@@ -405,15 +405,15 @@ def within(region: Region, points: Array, clear: float = 0.0) -> npt.NDArray[np.
     Parameters
     ----------
     region : Region
-        The region.
-    points : Array, shape (n, 3)
+        Box or cylinder.
+    points : ndarray, shape (n, 3)
         The points [m].
     clear : float
         Distance [m] that they keep from its sides.
 
     Returns
     -------
-    Array of bool, shape (n,)
+    ndarray of bool, shape (n,)
         Whether each is in it.
     """
     low, high = np.array(region.low), np.array(region.high)
@@ -449,14 +449,14 @@ class FillRegion:
 
         Parameters
         ----------
-        points : Array, shape (n, 3)
+        points : ndarray, shape (n, 3)
             The points [m].
         clear : float
             Distance [m] that they keep.
 
         Returns
         -------
-        Array of bool, shape (n,)
+        ndarray of bool, shape (n,)
             Whether each is in it and clear.
         """
         from rigtwin.sim.engine.walls.shapes import gaps
@@ -482,8 +482,8 @@ class FillRegion:
 
         Returns
         -------
-        Array, shape (3,), or None
-            The place [m]; None where the particle would touch a wall.
+        ndarray, shape (3,), or None
+            The place [m]; None where the particle would reach out of the region or touch a wall.
         """
         if not self._drawn or self._drawn_for != (self.time, diameter):
             points = rng.uniform(*self.box, (DRAWN, 3))
@@ -633,10 +633,10 @@ def bed_height(region: Region, centres: Array, radii: Array) -> float:
     Parameters
     ----------
     region : Region
-        The region.
-    centres : Array, shape (n, 3)
+        Region in which the bed lies.
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
 
     Returns
@@ -764,11 +764,11 @@ def picture(rig: CustomRig, course: CustomRun) -> npt.NDArray[np.uint8]:
     rig : CustomRig
         As for `run`.
     course : CustomRun
-        The run.
+        Run that has ended.
 
     Returns
     -------
-    Array, shape (height, width, 3)
+    ndarray, shape (height, width, 3)
         RGB image.
     """
     from rigtwin.sim.output.picture import draw

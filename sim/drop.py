@@ -100,7 +100,7 @@ def run_many(
     Parameters
     ----------
     trials : sequence of Trial
-        The drops.
+        Trials, one for each drop.
     threads : int, optional
         Number of threads.  Default: all cores.
     progress : Progress
@@ -129,7 +129,7 @@ def check(trial: Trial) -> None:
     Parameters
     ----------
     trial : Trial
-        The drop.
+        Trial of one drop.
 
     Raises
     ------

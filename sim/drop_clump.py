@@ -261,10 +261,10 @@ def picture(tumble: Tumble, particle: Particle, *, walls: Array | None = None, f
     Parameters
     ----------
     tumble : Tumble
-        The record.
+        Record of the drop.
     particle : Particle
-        The clump.
-    walls : Array, shape (n, 3, 3), optional
+        Particle that was dropped.
+    walls : ndarray, shape (n, 3, 3), optional
         Triangles [m] of the walls, x to the right, y away from the viewer and z up.
     flashes : int
         Number of flashes, evenly spaced in time.

@@ -255,7 +255,7 @@ def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ..
     rig, particle : Drum, Particle
         As for `run`.
     rotation : Rotation
-        The run.
+        Run that is checked.
 
     Returns
     -------
@@ -301,11 +301,11 @@ def picture(rig: Drum, rotation: Rotation) -> npt.NDArray[np.uint8]:
     rig : Drum
         As for `run`.
     rotation : Rotation
-        The run.
+        Run that has ended.
 
     Returns
     -------
-    Array, shape (height, width, 3)
+    ndarray, shape (height, width, 3)
         RGB image.
     """
     from rigtwin.sim.output.picture import draw
@@ -327,7 +327,7 @@ def filled_in(rig: Drum) -> tuple[float, float]:
     Parameters
     ----------
     rig : Drum
-        The drum.
+        Drum whose depth or fill may be left open.
 
     Returns
     -------
@@ -361,6 +361,11 @@ def filled(rig: Drum, particle: Particle) -> int:
     -------
     int
         At least one.
+
+    Raises
+    ------
+    BadInput
+        As `filled_in` raises it.
     """
     depth, part = filled_in(rig)
     return max(1, round(part * PACKING * math.pi / 4 * rig.diameter**2 * depth / particle.mean_volume))
@@ -407,7 +412,7 @@ def room(rig: Drum, depth: float) -> tuple[filling.Inside, tuple[Array, Array]]:
     -------
     inside : callable
         Test for points in the drum, see `rigtwin.sim.run.filling.Inside`.
-    box : tuple of Array
+    box : tuple of ndarray
         Low and high corner [m] of the box around the drum.
     """
     half, deep = rig.diameter / 2, depth / 2

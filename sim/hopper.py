@@ -264,11 +264,11 @@ def picture(rig: Hopper, particle: Particle, discharge: Discharge) -> npt.NDArra
     rig, particle : Hopper, Particle
         As for `run`.
     discharge : Discharge
-        The run.
+        Run that has ended.
 
     Returns
     -------
-    Array, shape (height, width, 3)
+    ndarray, shape (height, width, 3)
         RGB image.
     """
     from rigtwin.sim.output.picture import draw
@@ -305,7 +305,7 @@ class Plan:
 
         Parameters
         ----------
-        centres : Array, shape (n, 3)
+        centres : ndarray, shape (n, 3)
             Centres of the particles [m].
 
         Returns

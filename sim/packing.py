@@ -284,7 +284,7 @@ def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -
     rig : Packing
         As for `run`.
     bed : Bed
-        The bed.
+        Bed at the end of a run.
     turn : float
         Direction of view [deg] about z.
     tilt : float
@@ -292,7 +292,7 @@ def picture(rig: Packing, bed: Bed, *, turn: float = 30.0, tilt: float = 15.0) -
 
     Returns
     -------
-    Array, shape (height, width, 3)
+    ndarray, shape (height, width, 3)
         RGB image.
     """
     from rigtwin.sim.output.picture import draw

@@ -108,7 +108,7 @@ def run_many(
     Parameters
     ----------
     trials : sequence of Trial
-        The swings.
+        Trials, one for each swing.
     threads : int, optional
         Number of threads.  Default: all cores.
     progress : Progress
@@ -140,7 +140,7 @@ def check(trial: Trial) -> None:
     Parameters
     ----------
     trial : Trial
-        The swing.
+        Trial of one swing.
 
     Raises
     ------

@@ -140,7 +140,7 @@ def run_many(
     Parameters
     ----------
     trials : sequence of Trial
-        The tests.
+        Trials, one for each tilting test.
     threads : int, optional
         Number of threads of that launch.  Default: all cores.
     progress : Progress
@@ -201,7 +201,7 @@ def check(trial: Trial) -> None:
     Parameters
     ----------
     trial : Trial
-        The test.
+        Trial of one tilting test.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class Calibration:
 
     @property
     def no_fit(self) -> str:
-        """What it means where no set fits, and what is furthest off."""
+        """Sentence for a calibration that no set fits: what that may mean, and what is furthest off."""
         square, probability = self.misfit
         known = sum(one.mean is not None for one in self.parameters)
         beside = f" and {counted(known, 'value')} known beforehand" if known else ""
@@ -71,7 +71,7 @@ class Calibration:
 
     @property
     def pulls(self) -> dict[str, float]:
-        """By how many of its standard uncertainties the best set moves each parameter that is known beforehand."""
+        """By how many of its standard uncertainties the best set moves each parameter that has a prior."""
         return {
             one.name: (self.best[one.name] - one.mean) / one.std
             for one in self.parameters
@@ -100,7 +100,7 @@ class Calibration:
 
     @property
     def correlations(self) -> dict[str, float]:
-        """Correlation of each pair of parameters, of their logarithms where those are uniform beforehand."""
+        """Correlation of each pair of parameters, of their logarithms where the prior of those is uniform."""
         names = [one.name for one in self.parameters]
         if len(names) < 2:
             return {}
@@ -174,7 +174,7 @@ def calibration_of(search: Search, found: State, predictions: tuple[dict[str, An
     Parameters
     ----------
     search : Search
-        The search.
+        Search that has ended.
     found : State
         What it found.
     predictions : tuple of dict

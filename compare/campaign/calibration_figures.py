@@ -23,7 +23,7 @@ def figures(found: Calibration) -> dict[str, FigureFile]:
     Parameters
     ----------
     found : Calibration
-        The calibration.
+        Calibration whose samples and predictions are drawn.
 
     Returns
     -------

@@ -97,9 +97,9 @@ def curve_targets(experiment: Experiment, measured: Sequence[Measurement], resul
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose curves are compared.
     measured : sequence of Measurement
-        Its repetitions.
+        Measured repetitions of the experiment.
     results : sequence of Result
         Results of its twins.
 
@@ -144,7 +144,7 @@ def is_component(method: str) -> bool:
     Returns
     -------
     bool
-        Whether it is.
+        True where it is.
     """
     return method.endswith(OF_CURVE)
 

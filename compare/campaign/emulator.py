@@ -157,7 +157,7 @@ def main_effects(emulator: Emulator, parameters: int, *, seed: int, number: int 
     Parameters
     ----------
     emulator : Emulator
-        The emulator.
+        Emulator of the quantity.
     parameters : int
         Number p of the parameters.
     seed : int

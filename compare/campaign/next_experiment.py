@@ -41,7 +41,7 @@ def candidates(fitted: Sequence[Experiment]) -> list[Experiment]:
     Returns
     -------
     list of Experiment
-        The candidates.
+        One for each of these rigs.
     """
     known = fitted[0]
     d = known.particle.diameter
@@ -69,7 +69,7 @@ def runs_needed(fitted: Sequence[Experiment]) -> int:
     Parameters
     ----------
     fitted : sequence of Experiment
-        The fitted experiments.
+        Experiments that are fitted already.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def separations(experiment: Experiment, sets: list[list[Result | None]]) -> Iter
     Parameters
     ----------
     experiment : Experiment
-        The candidate.
+        Candidate that both sets are run in.
     sets : list of list of Result
         For each of the two sets the results of its runs.
 

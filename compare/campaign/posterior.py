@@ -23,7 +23,7 @@ LOGARITHMIC = 8.0  # ratio of the ends of a range above which its logarithm is u
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter that is calibrated, and what is known of it beforehand.
+    """A parameter that is calibrated, with its prior.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ def correlation(targets: Sequence[Target], residuals: Mapping[Target, Array]) ->
     Parameters
     ----------
     targets : sequence of Target
-        The targets.
+        Targets that the parameters are fitted to.
     residuals : mapping of Target to ndarray
         Of each target the residuals of its emulator over the runs, NaN where a run does not give it.
 
@@ -182,7 +182,7 @@ def scatter(target: Target, twin_std: float) -> float:
     Parameters
     ----------
     target : Target
-        The measured mean.
+        Target whose mean was measured.
     twin_std : float
         Standard deviation of the twin from seed to seed, in the unit of the target.
 

@@ -70,7 +70,7 @@ def same_inputs(kept: Mapping[str, Any], inputs: Mapping[str, Any]) -> bool:
     kept : mapping
         Inputs of the kept run.
     inputs : mapping
-        The inputs.
+        Inputs that the run would have now.
 
     Returns
     -------

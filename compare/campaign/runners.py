@@ -66,7 +66,7 @@ def perform(function: str, settings: dict[str, Any], version: str) -> tuple[Resu
     function : str
         ``module:function``.
     settings : dict
-        Its keyword arguments.
+        Keyword arguments of the function.
     version : str
         Version of rigtwin that the campaign has.
 

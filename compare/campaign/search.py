@@ -192,18 +192,18 @@ class Search:
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose twin is run.
         point : ndarray, shape (p,)
             Point of the unit cube.
         name : str
             Name of the run.
         seed : int
-            Its seed.
+            Seed of the twin.
 
         Returns
         -------
         Run
-            The run.
+            Run of the twin, not yet computed.
         """
         return twin_run(name, *self.setting(experiment, self.values(point)), seed=seed, **self.options)
 
@@ -228,7 +228,7 @@ class Search:
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment of which the values are set.
         values : mapping of str to float
             Values in SI, by name.
         model : Model, optional
@@ -332,7 +332,7 @@ def results_of(runs: Sequence[Run], campaign: Campaign, progress: Progress, stag
     Parameters
     ----------
     runs : sequence of Run
-        The runs.
+        Runs whose results are wanted.
     campaign : Campaign
         Computes them.
     progress : Progress

@@ -111,7 +111,7 @@ class Store:
         Parameters
         ----------
         runs : iterable of Run
-            The runs.
+            Runs that are looked up.
 
         Returns
         -------
@@ -131,7 +131,7 @@ class Store:
         Parameters
         ----------
         run : Run
-            The run.
+            Run that may have failed.
 
         Returns
         -------
@@ -148,9 +148,9 @@ class Store:
         Parameters
         ----------
         run : Run
-            The run.
+            Run that has finished.
         result : Result
-            Its result.
+            What the run returned.
         seconds : float
             Its run time [s].
         """
@@ -166,7 +166,7 @@ class Store:
         Parameters
         ----------
         run : Run
-            The run.
+            Run that failed.
         message : str
             Why it failed.
         seconds : float
@@ -180,7 +180,7 @@ class Store:
         Parameters
         ----------
         run : Run
-            The run.
+            Run to be computed.
 
         Returns
         -------
@@ -206,7 +206,7 @@ class Store:
         Parameters
         ----------
         run : Run
-            The run.
+            Run that was claimed.
         """
         with self._in_words():
             self._ledger.execute("delete from claims where key = ? and owner = ?", (run.key, self._owner.token))

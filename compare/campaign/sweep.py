@@ -163,7 +163,7 @@ def lab_setting(folder: Path, only: str | None, *, allow_outside: bool = False) 
     Returns
     -------
     lab : Lab
-        The lab.
+        Lab that holds the experiment.
     setting : Setting
         Experiment and model.
 

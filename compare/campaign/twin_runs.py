@@ -188,7 +188,7 @@ def twin_from(result: Result) -> Twin:
     Parameters
     ----------
     result : Result
-        The result.
+        What the run of the twin returned.
 
     Returns
     -------
@@ -231,7 +231,7 @@ def quantities_of(result: Result) -> list[Quantity]:
     Parameters
     ----------
     result : Result
-        The result.
+        What the run of the twin returned.
 
     Returns
     -------

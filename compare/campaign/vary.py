@@ -125,12 +125,12 @@ def applies(name: str, experiment: Experiment) -> bool:
     name : str
         Name of the parameter.
     experiment : Experiment
-        The experiment.
+        Experiment whose twin is asked.
 
     Returns
     -------
     bool
-        Whether it has.
+        True where it has the parameter.
     """
     return "." in name or name in names(experiment) or name in of_pairs(experiment)
 
@@ -141,7 +141,7 @@ def of_pairs(experiment: Experiment) -> dict[str, tuple[str, tuple[str, str]]]:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose contacts are listed.
 
     Returns
     -------
@@ -180,7 +180,7 @@ def contact_pair(name: str, experiment: Experiment) -> tuple[str, str]:
     name : str
         Name of a parameter of a contact.
     experiment : Experiment
-        The experiment.
+        Experiment in which the name is looked up.
 
     Returns
     -------
@@ -198,9 +198,9 @@ def need_different(said: Sequence[str], experiments: Sequence[Experiment], *, op
     Parameters
     ----------
     said : sequence of str
-        The names.
+        Names as the user gave them.
     experiments : sequence of Experiment
-        The experiments.
+        Experiments in which the names are looked up.
     option : str
         The option that errors name.
 
@@ -226,7 +226,7 @@ def names(experiment: Experiment) -> list[str]:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose parameters are listed.
 
     Returns
     -------
@@ -311,7 +311,7 @@ def at(setting: Setting, point: Point) -> Setting:
     Raises
     ------
     BadInput
-        If a value is not possible.
+        If a coefficient or a property of the particle is out of range.
     """
     experiment, model = setting
     rig = {field.name for field in fields(experiment.rig)}

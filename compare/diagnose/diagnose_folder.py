@@ -143,12 +143,12 @@ def model_of(diagnosis: Diagnosis) -> Model:
     Parameters
     ----------
     diagnosis : Diagnosis
-        The diagnosis.
+        Diagnosis with the fitted contacts.
 
     Returns
     -------
     Model
-        The model.
+        Model as it is written to model.toml.
     """
     lab = diagnosis.lab
     materials: dict[str, Material] = {}

@@ -230,14 +230,14 @@ def acts(effect: Effect, lab: TrackedLab) -> bool:
     Parameters
     ----------
     effect : Effect
-        The effect.
+        Effect of the catalogue.
     lab : TrackedLab
-        The lab.
+        Lab whose rig is asked.
 
     Returns
     -------
     bool
-        Whether it does.
+        True where it acts.
     """
     if effect.name == LEVER and not one_material_of_many_sizes(lab):
         return False
@@ -261,12 +261,12 @@ def bench_of(lab: TrackedLab) -> Regioned:
     Parameters
     ----------
     lab : TrackedLab
-        The lab.
+        Lab whose data are fitted.
 
     Returns
     -------
     Regioned
-        The model.
+        Reduced model of the rig.
     """
     builders: dict[str, Callable[[TrackedLab], Any]] = {
         "drop": DropBench,

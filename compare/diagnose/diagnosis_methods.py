@@ -46,14 +46,14 @@ def bulk_methods(found: BulkDiagnosis, versions: Mapping[str, str]) -> Methods:
     Parameters
     ----------
     found : BulkDiagnosis
-        The finished diagnosis.
+        Diagnosis that has ended.
     versions : mapping of str to str
         As for `methods`.
 
     Returns
     -------
     Methods
-        Its paragraphs.
+        Paragraphs and references of the methods text.
     """
     return Methods((("Diagnosis", " ".join(_of_numbers(found))), ("Software", software(versions))))
 

@@ -42,7 +42,7 @@ def figures(diagnosis: Diagnosis) -> dict[str, FigureFile]:
     Parameters
     ----------
     diagnosis : Diagnosis
-        The diagnosis.
+        Diagnosis whose data and fits are drawn.
 
     Returns
     -------

@@ -23,11 +23,11 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -
     Parameters
     ----------
     diagnosis : Diagnosis
-        The diagnosis.
+        Diagnosis that the page shows.
     drawn : mapping of str to FigureFile
         Its figures, as of `rigtwin.compare.diagnose.figures.figures`.
     text : Methods
-        Its methods text.
+        Methods text of the diagnosis.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def gap_rows(gap: Gap | None) -> list[dict[str, str]]:
     Parameters
     ----------
     gap : Gap or None
-        The gap.
+        Gap between data and model; None where none was computed.
 
     Returns
     -------

@@ -121,7 +121,7 @@ def column_name(label: str) -> str:
     Parameters
     ----------
     label : str
-        The label.
+        Label of an axis, with its unit.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def unique_names(names: Iterable[str]) -> Iterator[str]:
     Parameters
     ----------
     names : iterable of str
-        The names.
+        Names, some perhaps equal.
 
     Yields
     ------

@@ -123,14 +123,14 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | 
     Parameters
     ----------
     rows : sequence of Deviation
-        The rows.
+        Rows of the table of deviations; those without a known standard deviation are left out.
     widest : float
         End of the axis [%].
 
     Returns
     -------
     FigureFile or None
-        None where nothing is compared.
+        None where no deviation has a known standard deviation.
     """
     shown = [(row, row.percent_deviation) for row in rows if row.percent_deviation is not None]
     shown = [(row, deviation) for row, deviation in shown if row.percent_deviation_std is not None]

@@ -83,7 +83,7 @@ def drawn_figures(comparison: Comparison) -> dict[str, list[FigureFile]]:
     Parameters
     ----------
     comparison : Comparison
-        The comparison.
+        Comparison whose figures are drawn.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def report(
     Parameters
     ----------
     comparison : Comparison
-        The comparison.
+        Comparison that the page shows.
     provenance : mapping
         Content of ``provenance.json``.
     out : Path
@@ -122,7 +122,7 @@ def report(
     drawn : mapping of str to sequence of FigureFile
         Its figures, as of `drawn_figures`.
     text : Methods
-        Its methods text.
+        Methods text of the comparison.
 
     Returns
     -------

@@ -64,12 +64,12 @@ def thin(x: Array, y: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    x, y : Array, shape (n,)
-        The points.
+    x, y : ndarray, shape (n,)
+        Coordinates of the curve.
 
     Returns
     -------
-    x, y : Array, shape (m,)
+    x, y : ndarray, shape (m,)
         Every k-th of them.
     """
     step = max(1, math.ceil(len(x) / _MOST_POINTS))

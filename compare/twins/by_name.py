@@ -38,9 +38,9 @@ def particle(name: str, model: Model) -> Particle:
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the particle.
     model : Model
-        The model.
+        Model that is asked first.
 
     Returns
     -------
@@ -66,9 +66,9 @@ def wall(name: str, model: Model) -> Material:
     Parameters
     ----------
     name : str
-        Its name.
+        Name of the material.
     model : Model
-        The model.
+        Model that is asked first.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def contact(
     a, b : str
         Names of the two sides, in any order.
     model : Model
-        The model.
+        Model that gives what is not stated.
     needs : sequence of str
         Parameters that must be known.
     restitution, static_friction, rolling_friction : float, optional

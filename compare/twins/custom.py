@@ -31,7 +31,7 @@ def cast_of_own(own: OwnRig) -> tuple[Cast, dict[str, tuple[Material, Contact]]]
     Parameters
     ----------
     own : OwnRig
-        The rig.
+        Rig of which particle, wall and contacts are taken.
 
     Returns
     -------

@@ -87,7 +87,7 @@ def imported_for(experiment: Experiment, folder: Path, model: Model) -> tuple[Tw
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment that the deck must match.
     folder : Path
         Folder of the deck, which has run.
     model : Model

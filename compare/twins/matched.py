@@ -36,7 +36,7 @@ def stated_start(experiment: Experiment) -> float | None:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose twin is started.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def set_by_hand(experiment: Experiment) -> dict[str, str]:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose rig is asked.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def measured_start(experiment: Experiment, measurement: Measurement) -> Quantity
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose twin is started.
     measurement : Measurement
         One of its repetitions.
 
@@ -102,11 +102,11 @@ def twin_of(
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose twin is run.
     model : Model
         Contacts and effects.
     measurements : sequence of Measurement
-        Its repetitions.
+        Measured repetitions of the experiment.
     count : int, optional
         Number of particles where lab.toml states none.
     seed : int
@@ -165,9 +165,9 @@ def as_seen(experiment: Experiment, measurements: Sequence[Measurement], count: 
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose gaps are filled.
     measurements : sequence of Measurement
-        Its repetitions.
+        Measured repetitions, from whose media the settings are taken.
     count : int or None
         Number of particles that the user gives; it takes precedence over that which the media show.
 
@@ -192,7 +192,7 @@ def checkpoints(folder: Path, experiment: Experiment) -> list[Path]:
     folder : Path
         Folder of checkpoints.
     experiment : Experiment
-        The experiment.
+        Experiment whose twins are run.
 
     Returns
     -------

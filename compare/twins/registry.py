@@ -36,7 +36,7 @@ def entry_of(experiment: Experiment) -> RigEntry[Any]:
     Parameters
     ----------
     experiment : Experiment
-        The experiment.
+        Experiment whose rig is looked up.
 
     Returns
     -------

@@ -61,7 +61,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment in this rig.
 
         Returns
         -------
@@ -77,7 +77,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment that the twin belongs to.
 
         Returns
         -------
@@ -92,9 +92,9 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose gaps are filled.
         measurements : sequence of Measurement
-            Its repetitions.
+            Measured repetitions, from whose media the settings are taken.
 
         Returns
         -------
@@ -111,7 +111,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment that the twin belongs to.
         count : int or None
             Number of particles that the user gives.
 
@@ -128,12 +128,12 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         view : Path
-            The medium.
+            Photo or film of a repetition.
 
         Returns
         -------
         bool
-            Whether it is.
+            True for a photo.
         """
         return bool(self.settings.several_views)
 
@@ -143,7 +143,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment that the media belong to.
         views : sequence of Path
             Media of one repetition.
 
@@ -160,7 +160,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose entries are read.
 
         Returns
         -------
@@ -175,12 +175,12 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose settings are listed.
 
         Returns
         -------
         list of Stated
-            The settings.
+            Settings in the order of the report.
         """
 
     @abstractmethod
@@ -192,16 +192,16 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose curves are drawn.
         measured : sequence of Measurement
-            Its repetitions.
+            Measured repetitions of the experiment.
         twins : sequence of Twin
             The runs of its twin.
 
         Returns
         -------
         iterable of Overlay
-            The overlays.
+            Measured and simulated curves that are drawn on common axes.
         """
 
     def filling(self, experiment: Experiment) -> float | None:
@@ -210,7 +210,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose particles are weighed or counted.
 
         Returns
         -------
@@ -225,7 +225,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose entries are read.
 
         Returns
         -------
@@ -240,14 +240,14 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose settings are checked.
         measurements : sequence of Measurement
-            Its repetitions.
+            Measured repetitions that are checked against them.
 
         Returns
         -------
         iterable of str
-            The warnings.
+            Warnings; empty where nothing contradicts.
         """
         return ()
 
@@ -257,12 +257,12 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment that the twin belongs to.
 
         Returns
         -------
         bool
-            Whether it does.
+            True where it takes one of them.
         """
         return False
 
@@ -272,12 +272,12 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose entries are read.
 
         Returns
         -------
         bool
-            Whether it does.
+            True where the number is left open.
         """
         return False
 
@@ -290,7 +290,7 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose twin is to be run.
         model : Model
             Contacts and effects.
         frame_rate : float or None
@@ -323,11 +323,11 @@ class RigEntry(ABC, Generic[Settings]):
         Parameters
         ----------
         experiment : Experiment
-            The experiment.
+            Experiment whose twin is run.
         contacts : sequence of Contact
             Its contacts, that with the wall first.
         measurements : sequence of Measurement
-            Its repetitions.
+            Measured repetitions, from which the twin takes what is not stated.
         start : float or None
             Measured mean of `starts_from`, in the unit of that quantity.
         count : int or None

@@ -58,7 +58,7 @@ def warned(result: Mapping[str, Any]) -> list[str]:
     Returns
     -------
     list of str
-        The warnings.
+        Warnings without that advice.
     """
     return [warning.partition(";")[0] for warning in result.get("warnings") or ()]
 
@@ -69,12 +69,12 @@ def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
     Parameters
     ----------
     warnings : iterable of str
-        The warnings.
+        Warnings as the run gave them.
 
     Returns
     -------
     tuple of str
-        The warnings.
+        Warnings without that advice.
 
     Examples
     --------

@@ -79,7 +79,7 @@ def write_twin(twin: Twin, out: Path) -> dict[str, Path]:
     Parameters
     ----------
     twin : Twin
-        The twin.
+        Twin that has run.
     out : Path
         Folder, made where it is missing.
 

@@ -114,7 +114,7 @@ def with_key(content: bytes, path: Path, experiment: int, key: Sequence[str], va
     Returns
     -------
     bytes
-        The new content.
+        Content of lab.toml after the change.
 
     Raises
     ------

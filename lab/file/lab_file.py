@@ -79,7 +79,7 @@ class Experiment:
         Parameters
         ----------
         view : Path
-            The file.
+            Clip or photo of a repetition.
 
         Returns
         -------
@@ -150,7 +150,7 @@ class Lab:
         Parameters
         ----------
         name : str
-            Its id.
+            Id of the experiment.
 
         Returns
         -------
@@ -183,7 +183,8 @@ def read_lab(folder: Path, *, allow_outside: bool = False) -> Lab:
     Raises
     ------
     BadLabFile
-        If something is wrong, in one sentence: the file, the line, the key, what is wrong and what to write instead.
+        If something is wrong; one sentence for each fault: the file, the line, the key, what is wrong and what to
+        write instead.
     """
     return lab_of(read_document(folder / "lab.toml" if folder.is_dir() else folder), allow_outside=allow_outside)
 
@@ -264,9 +265,9 @@ def faulty(lab: Lab, faults: Sequence[Fault]) -> BadLabFile:
     Parameters
     ----------
     lab : Lab
-        The lab.
+        Lab as it was read.
     faults : sequence of Fault
-        The faults.
+        What is wrong with keys of its experiments.
 
     Returns
     -------

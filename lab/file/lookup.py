@@ -63,7 +63,7 @@ class Inventory:
         Parameters
         ----------
         name : str
-            The name.
+            Name of the material.
         key : Key
             Where the file names it.
 
@@ -111,7 +111,7 @@ class Inventory:
         Parameters
         ----------
         name : str
-            The name.
+            Name of the particle.
         key : Key
             Where the file names it.
 

@@ -89,7 +89,7 @@ class Model:
         Returns
         -------
         Model
-            The other model.
+            Copy of the model with that contact.
         """
         known = KnownContact(restitution, static_friction, rolling_friction).filled(self.known_contact(a, b))
         return replace(self, contacts={**self.contacts, pair(a, b): known})
@@ -101,7 +101,7 @@ def read_model(path: Path) -> Model:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the model.toml.
 
     Returns
     -------
@@ -127,9 +127,9 @@ def write_model(path: Path, model: Model) -> None:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the model.toml; it is replaced.
     model : Model
-        The model.
+        Model that is written.
     """
     with replacing(path) as part:
         part.write_text(model_text(model), encoding="utf-8")
@@ -141,7 +141,7 @@ def model_text(model: Model) -> str:
     Parameters
     ----------
     model : Model
-        The model.
+        Model that the text describes.
 
     Returns
     -------

@@ -26,7 +26,7 @@ def in_keys(text: str, rig: str, particle: str) -> str:
     Parameters
     ----------
     text : str
-        The message.
+        Message that may name options.
     rig : str
         Rig of the experiment.
     particle : str
@@ -74,7 +74,7 @@ def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:
     Returns
     -------
     context manager
-        Of the names.
+        Within it refusals name keys of lab.toml.
     """
     return reworded_refusals(partial(in_keys, rig=rig, particle=particle))
 

@@ -47,9 +47,9 @@ def own_particle(
     name : str
         Name of the particle.
     entry : ParticleEntry
-        Its keys.
+        Keys under ``[particles.NAME]``.
     solid : Material
-        Its material.
+        Material of the particle.
     key : Key
         Where the entry stands.
     folder : Path
@@ -93,7 +93,7 @@ def faults(entry: ParticleEntry, key: Key) -> Iterator[Problem]:
     Parameters
     ----------
     entry : ParticleEntry
-        The keys.
+        Keys under ``[particles.NAME]``.
     key : Key
         Where the entry stands.
 
@@ -210,7 +210,7 @@ def _shape(entry: ParticleEntry, folder: Path, allow_outside: bool) -> Clump | N
 
 
 def _of_spheres(spheres: tuple[Sphere, ...]) -> Clump:
-    """The clump of a list of spheres [m].  Raises `BadInput` if they do not all hang together."""
+    """The clump of a list of spheres [m].  Raises `BadInput` if they are not all connected."""
     rows = np.array(spheres)
     centres, radii = rows[:, :3], rows[:, 3] / 2
     if (alone := apart(centres, radii)) is not None:

@@ -79,7 +79,7 @@ class Document:
         Parameters
         ----------
         key : Key
-            The key.
+            Key that is looked up.
 
         Returns
         -------
@@ -98,7 +98,7 @@ class Document:
         Parameters
         ----------
         problems : iterable of Problem
-            The problems.
+            What is wrong, in any order.
 
         Returns
         -------
@@ -122,7 +122,7 @@ def read_document(path: Path, *, made_by: str = "make one with `rigtwin init`") 
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the TOML file.
     made_by : str
         How to make one, for the message where it is not there.
 
@@ -150,7 +150,7 @@ def parsed(path: Path, content: bytes) -> Document:
     path : Path
         The file, for messages.
     content : bytes
-        The content.
+        Bytes of the file.
 
     Returns
     -------
@@ -817,7 +817,12 @@ class CameraEntry(_Entry):
         Returns
         -------
         Camera
-            The camera.
+            The camera; without its board's calibration.
+
+        Raises
+        ------
+        BadInput
+            If a rate or scale is out of range, a line is steeper than it may be, or keys contradict each other.
         """
         roll = self.camera_roll if self.plumb_line is None else self.plumb_line
         board = None if self.board is None else replace(self.board, photo=folder / self.board.photo)
@@ -867,7 +872,7 @@ def keys_of_camera(rig: str) -> set[str]:
     Returns
     -------
     set of str
-        The keys.
+        Names of the keys.
     """
     return {name for name in CameraEntry.model_fields if not _unused(name, rig)}
 
@@ -890,7 +895,7 @@ class FileEntry(CameraEntry):
         Returns
         -------
         CameraEntry
-            The keys.
+            Keys that hold for this file.
         """
         mine = self.model_fields_set & CameraEntry.model_fields.keys()
         for alternatives in _ALTERNATIVES:
@@ -1239,7 +1244,7 @@ def validated(document: Document, kind: type[File]) -> File:
     Parameters
     ----------
     document : Document
-        The document.
+        Document to be validated.
     kind : type
         `LabFile` or `ModelFile`.
 
@@ -1269,18 +1274,19 @@ class Repaired(Generic[File]):
     """Keys of what was repaired."""
 
     def touches(self, key: Key) -> bool:
-        """Return whether a key, or a table that holds it, was repaired: what is wrong there is no fault of the
-        document.
+        """Return whether a key, or a table that holds it, was repaired.
+
+        What is wrong there is then no fault of the document.
 
         Parameters
         ----------
         key : Key
-            The key.
+            Key that a fault was found in.
 
         Returns
         -------
         bool
-            Whether it was.
+            True where it was repaired.
         """
         return _touches(self.places, key)
 
@@ -1290,12 +1296,12 @@ class Repaired(Generic[File]):
         Parameters
         ----------
         table : Key
-            The table.
+            Table whose own keys are meant.
 
         Returns
         -------
         bool
-            Whether one was.
+            True where one of its keys was repaired.
         """
         return any(place[:-1] == table for place in self.places)
 
@@ -1310,7 +1316,7 @@ def repaired(document: Document, kind: type[File]) -> Repaired[File]:
     Parameters
     ----------
     document : Document
-        The document.
+        Document to be validated and, where needed, repaired.
     kind : type
         `LabFile` or `ModelFile`.
 
@@ -1349,7 +1355,7 @@ def without_consequences(problems: Sequence[Problem]) -> list[Problem]:
     Parameters
     ----------
     problems : sequence of Problem
-        The problems.
+        Problems that validation found.
 
     Returns
     -------
@@ -1448,7 +1454,7 @@ def example_of(field: FieldInfo) -> Any:
     Parameters
     ----------
     field : FieldInfo
-        The key.
+        Field of a class of keys.
 
     Returns
     -------
@@ -1465,7 +1471,7 @@ def dimension_of(field: FieldInfo) -> str:
     Parameters
     ----------
     field : FieldInfo
-        The key.
+        Field of a class of keys.
 
     Returns
     -------
@@ -1495,7 +1501,7 @@ def camera_rigs(name: str) -> tuple[str, ...]:
     Parameters
     ----------
     name : str
-        The key.
+        Name of the key.
 
     Returns
     -------
@@ -1547,14 +1553,14 @@ def toml(value: Any) -> str:
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the nearest known name as advice, or all of them.
+    """Return the known names as advice, the nearest one first where one is near.
 
     Parameters
     ----------
     name : str
         The name that is not known.
     known : iterable of str
-        The known ones.
+        Names that are known.
 
     Returns
     -------

@@ -49,7 +49,7 @@ def dotted(key: Key) -> str:
     Parameters
     ----------
     key : Key
-        The path.
+        Path of a key: names, and indices from 0.
 
     Returns
     -------

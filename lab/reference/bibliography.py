@@ -100,7 +100,7 @@ def reference(key: str) -> Reference:
     Parameters
     ----------
     key : str
-        The key.
+        Key of the bibliography.
 
     Returns
     -------

@@ -261,11 +261,12 @@ def measured(quantity: str, particle: str, other: str | None = None) -> Measured
     ----------
     quantity : str
         ``restitution_wall`` (table 11), ``restitution_pair`` (12), ``static_friction`` on a wall (8) or on another
-        clump of particles (9), ``rolling_friction`` (10), and the last two with ``_angle`` [deg] on walls.
+        clump of particles (9), ``rolling_friction`` (10); ``static_friction_angle`` [deg] on a wall (8) and
+        ``rolling_friction_angle`` [deg] (10).
     particle : str
         Name of the particle.
     other : str, optional
-        Name of the wall or of the other particle; not needed for rolling friction.
+        Name of the wall or of the other particle; left out for rolling friction, for which table 10 names no wall.
 
     Returns
     -------
@@ -275,7 +276,7 @@ def measured(quantity: str, particle: str, other: str | None = None) -> Measured
     Raises
     ------
     BadInput
-        If the paper has no such value.
+        If the paper has no such value, or a wall is named for rolling friction.
 
     Examples
     --------

@@ -20,7 +20,7 @@ def joined(tracks: Sequence[Track], groups: Sequence[Sequence[str]], where: str)
     Parameters
     ----------
     tracks : sequence of Track
-        The tracks.
+        Tracks, some of them parts of one.
     groups : sequence of sequence of str
         Names of the parts of one body, for each body with several.
     where : str
@@ -29,7 +29,7 @@ def joined(tracks: Sequence[Track], groups: Sequence[Sequence[str]], where: str)
     Returns
     -------
     tuple of Track
-        The tracks.
+        Tracks, one for each group and one for each track in no group.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def proposals(tracks: Sequence[Track]) -> tuple[str, ...]:
     Parameters
     ----------
     tracks : sequence of Track
-        The tracks.
+        Tracks that may be parts of one.
 
     Returns
     -------

@@ -90,12 +90,12 @@ def is_unit(text: str) -> bool:
     Parameters
     ----------
     text : str
-        The word.
+        Word from a header.
 
     Returns
     -------
     bool
-        Whether it is.
+        True for a unit.
     """
     return _alias(text) in PLAIN
 
@@ -110,7 +110,7 @@ def role_of(header: str, roles: Sequence[str] = tuple(ROLES)) -> tuple[str, str,
     Parameters
     ----------
     header : str
-        The header.
+        Header of the column.
     roles : sequence of str
         Roles that are looked for.
 
@@ -144,7 +144,7 @@ def name_and_unit(header: str) -> tuple[str, str]:
     Parameters
     ----------
     header : str
-        The header.
+        Header of the column.
 
     Returns
     -------
@@ -176,7 +176,7 @@ def body_and_axis(header: str) -> tuple[str, str] | None:
     Parameters
     ----------
     header : str
-        The header.
+        Header of the column.
 
     Returns
     -------
@@ -266,9 +266,9 @@ def find_column(table: Table, role: str, stated: Mapping[str, tuple[str, str]]) 
     Parameters
     ----------
     table : Table
-        The table.
+        Table whose columns are searched.
     role : str
-        The role.
+        Role that the column plays, one of `ROLES`.
     stated : mapping of str to tuple of str
         What the user states, as of `parse_columns`.
 
@@ -319,7 +319,7 @@ def column_at(table: Table, index: int, unit: str = "") -> Column:
     Parameters
     ----------
     table : Table
-        The table.
+        Table that holds the column.
     index : int
         Its index, from 0.
     unit : str
@@ -342,7 +342,7 @@ def factor(table: Table, column: Column, dimension: str) -> float:
     table : Table
         The table, for messages.
     column : Column
-        The column.
+        Column whose values are converted.
     dimension : str
         One of `rigtwin.lab.units.DIMENSIONS`.
 
@@ -371,7 +371,7 @@ def found_columns(table: Table) -> str:
     Parameters
     ----------
     table : Table
-        The table.
+        Table whose columns are listed.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def read_xml(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the XML file.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def read_parquet(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the Parquet file.
 
     Returns
     -------

@@ -141,7 +141,7 @@ def scale_used(read: TrackedBodies | TrackedProfiles, camera: Camera) -> dict[st
     read : TrackedBodies or TrackedProfiles
         What was read.
     camera : Camera
-        The camera.
+        Camera whose scale is stated.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def read_table(path: Path) -> Table:
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the table.
 
     Returns
     -------

@@ -16,12 +16,12 @@ def is_table(path: Path) -> bool:
     Parameters
     ----------
     path : Path
-        The file.
+        File, of which the suffix alone counts.
 
     Returns
     -------
     bool
-        Whether it is.
+        True for a table.
     """
     return path.suffix.lower() in TABLES
 

@@ -23,7 +23,8 @@ def by_fall(tracks: Sequence[Track]) -> tuple[bool, str] | None:
     Returns
     -------
     tuple of bool and str, or None
-        The answer with the evidence in words; None if nothing moves.
+        The answer with the evidence in words; None if nothing accelerates or the track has fewer than
+        five rows.
     """
     track = max(tracks, key=lambda each: len(each.time))
     reach, falls = 1, []
@@ -52,7 +53,8 @@ def by_swing(tracks: Sequence[Track]) -> tuple[bool, str] | None:
     Returns
     -------
     tuple of bool and str, or None
-        The answer with the evidence in words; None if nothing moves.
+        The answer with the evidence in words; None if nothing moves sideways or the track has fewer
+        than six rows.
     """
     track = max(tracks, key=lambda each: float(np.ptp(each.position[:, 0])))
     x, y = (track.position - track.position.mean(axis=0)).T

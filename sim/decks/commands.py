@@ -24,7 +24,7 @@ def positions(deck: Deck, types: int) -> str:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck whose beads are placed.
     types : int
         Number of materials.
 
@@ -62,11 +62,11 @@ def diameters(deck: Deck) -> Array:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that holds the particles.
 
     Returns
     -------
-    Array, shape (n,)
+    ndarray, shape (n,)
         Diameters [m], by the number of the sphere.
     """
     return np.outer(_sizes(deck), 2 * np.array(deck.particle.radii)).ravel()
@@ -81,11 +81,11 @@ def densities(deck: Deck) -> Array:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that holds the particles.
 
     Returns
     -------
-    Array, shape (n,)
+    ndarray, shape (n,)
         Densities [kg/m^3], by the number of the sphere.
     """
     shape, bead = deck.particle.shape, deck.particle
@@ -101,7 +101,7 @@ def inertia_missed(shape: Clump) -> float:
     Parameters
     ----------
     shape : Clump
-        The clump.
+        Clump, which the code is given as single spheres with masses of their own.
 
     Returns
     -------
@@ -133,15 +133,15 @@ def spheres(deck: Deck, places: Array, first: int) -> Array:
     Parameters
     ----------
     deck : Deck
-        The deck.
-    places : Array, shape (n, 3)
+        Deck that holds the particles.
+    places : ndarray, shape (n, 3)
         Centres of the particles [m].
     first : int
         Number of the first of them.
 
     Returns
     -------
-    Array, shape (m, 3)
+    ndarray, shape (m, 3)
         Centres of their spheres [m].
     """
     shape, scene = deck.particle.shape, deck.scene
@@ -163,7 +163,7 @@ def start(deck: Deck, types: int) -> str:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that the commands belong to.
     types : int
         Number of materials.
 
@@ -187,7 +187,7 @@ def poured(deck: Deck) -> str:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that the commands belong to.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def stages(
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that the commands belong to.
     name : str
         Name of the input file.
     opened : callable
@@ -374,7 +374,7 @@ def observed(deck: Deck) -> str:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that the commands belong to.
 
     Returns
     -------
@@ -402,7 +402,7 @@ def three(vector: object) -> str:
     Parameters
     ----------
     vector : sequence of float
-        The numbers.
+        Three components.
 
     Returns
     -------

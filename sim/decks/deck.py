@@ -222,7 +222,7 @@ def read_deck(folder: Path) -> Deck:
     Parameters
     ----------
     folder : Path
-        The folder.
+        Folder of the deck.
 
     Returns
     -------
@@ -271,7 +271,7 @@ def rolling_stiffness(deck: Deck, law: PairLaw, radius: float) -> float:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck whose particle and contact radius are used.
     law : PairLaw
         Constants of the contact.
     radius : float
@@ -299,11 +299,11 @@ def triangles(shape: Shape) -> Array:
     Parameters
     ----------
     shape : Shape
-        The wall.
+        Shape of the wall.
 
     Returns
     -------
-    Array, shape (n, 3, 3)
+    ndarray, shape (n, 3, 3)
         Corners of the triangles [m].
     """
     from rigtwin.sim.engine.walls import elements

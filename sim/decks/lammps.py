@@ -31,7 +31,7 @@ def differences(deck: Deck) -> tuple[str, ...]:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that is written for LAMMPS.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def converted(deck: Deck) -> dict[str, Any]:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck whose coefficients are converted.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def files(deck: Deck) -> dict[str, str]:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that the files describe.
 
     Returns
     -------

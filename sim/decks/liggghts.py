@@ -28,7 +28,7 @@ def differences(deck: Deck) -> tuple[str, ...]:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that is written for LIGGGHTS.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def converted(deck: Deck) -> dict[str, Any]:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck whose coefficients are converted.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def files(deck: Deck) -> dict[str, str]:
     Parameters
     ----------
     deck : Deck
-        The deck.
+        Deck that the files describe.
 
     Returns
     -------

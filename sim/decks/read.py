@@ -72,7 +72,7 @@ def record_of(folder: Path, deck: Deck) -> Any:
     folder : Path
         Folder of the deck.
     deck : Deck
-        The deck.
+        Deck that has run.
 
     Returns
     -------

@@ -137,7 +137,7 @@ class Scene:
     inside: Array  # [m], shape (3,), a point on the beads' side of all walls
     warnings: tuple[str, ...] = ()
     sizes: Array | None = None
-    """Sizes over that of the largest particle, shape (count,), in the order of their numbers; None: all alike."""
+    """Sizes over that of the largest particle, shape (count,), in the order of their numbers; None: all equal."""
     turns: Array | None = None
     """Orientations of clumps, shape (count, 4): quaternions, the real part first."""
 

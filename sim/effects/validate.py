@@ -36,7 +36,7 @@ def check(effect: Effect, path: Path) -> None:
     Parameters
     ----------
     effect : Effect
-        The effect.
+        Effect whose hooks are called.
     path : Path
         Its file, for messages.
 
@@ -85,7 +85,7 @@ def one_sided(effect: Effect) -> bool:
     Returns
     -------
     bool
-        Whether it has.
+        True where it has a fixed direction.
     """
     typical = [parameter.typical for parameter in effect.parameters]
     across, up = (one.ravel() for one in np.meshgrid(SPEED, SPEED))

@@ -133,9 +133,9 @@ def of_kind(one: object, kind: type) -> None:
     Parameters
     ----------
     one : object
-        The object.
+        Object to be checked.
     kind : type
-        The class.
+        Class that it must have.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def lacey(centres: Array, marked: Mask, cell: float) -> float:
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the beads [m]; a corner of the cells is at the origin.
     marked : Mask, shape (n,)
         Which beads are marked.
@@ -86,7 +86,7 @@ def mixing(centres: Array, marked: Mask, cell: float) -> Mixing:
 
     Parameters
     ----------
-    centres, marked, cell : Array, Mask, float
+    centres, marked, cell : ndarray, Mask, float
         As for `lacey`.
 
     Returns

@@ -26,9 +26,9 @@ def outline(
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
     span : tuple of float
         Ends of the outline in x [m].
@@ -57,9 +57,9 @@ def silhouette(centres: Array, radii: Array | float, base_diameter: float, view:
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m], from the middle of the base.
-    radii : Array, shape (n,), or float
+    radii : ndarray, shape (n,), or float
         Their radii [m].
     base_diameter : float
         Diameter of the base [m].
@@ -86,16 +86,16 @@ def highest(x: Array, across: Array, up: Array, radii: Array) -> Array:
 
     Parameters
     ----------
-    x : Array, shape (k,)
+    x : ndarray, shape (k,)
         The places [m].
-    across, up : Array, shape (n,)
+    across, up : ndarray, shape (n,)
         Centres of the spheres, along x and upwards [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
 
     Returns
     -------
-    Array, shape (k,)
+    ndarray, shape (k,)
         Heights [m]; minus infinity if there is none.
     """
     height = np.full(len(x), -np.inf)
@@ -113,14 +113,14 @@ def bed(centres: Array, radii: Array) -> npt.NDArray[np.bool_]:
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
 
     Returns
     -------
-    Array of bool, shape (n,)
+    ndarray of bool, shape (n,)
         Whether each is in it.
     """
     from scipy.sparse import coo_array
@@ -141,16 +141,16 @@ def surface(centres: Array, radii: Array, diameter: float) -> Array:
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m], from the middle of the base.
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
     diameter : float
         Diameter of the base [m].
 
     Returns
     -------
-    Array, shape (k,)
+    ndarray, shape (k,)
         Heights [m]; 0 without a sphere.
     """
     x = (np.arange(SURFACE_POINTS) + 0.5) / SURFACE_POINTS * diameter - diameter / 2
@@ -163,16 +163,16 @@ def surface_over(x: Array, y: Array, centres: Array, radii: Array) -> Array:
 
     Parameters
     ----------
-    x, y : Array
+    x, y : ndarray
         Places of its lines [m], evenly spaced each.
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
 
     Returns
     -------
-    Array, shape (len(x), len(y))
+    ndarray, shape (len(x), len(y))
         Heights [m]; 0 without a sphere.
     """
     height = np.zeros((len(x), len(y)))

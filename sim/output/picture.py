@@ -36,11 +36,11 @@ def draw(
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m], z up.
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
-    walls : Array, shape (m, 3, 3), optional
+    walls : ndarray, shape (m, 3, 3), optional
         Triangles [m], as of `rigtwin.sim.output.trajectory.triangles`.
     width, height : int
         Size of the image [px].
@@ -48,7 +48,7 @@ def draw(
         Direction of view [deg]: along y, rotated about z.
     tilt : float
         Height of the view above the horizon [deg].
-    colours : Array, shape (n, 3), optional
+    colours : ndarray, shape (n, 3), optional
         RGB of each sphere, 0 to 255.
 
     Returns
@@ -59,7 +59,7 @@ def draw(
     Raises
     ------
     BadInput
-        If there is nothing to draw.
+        If there is nothing to draw, or width or height is not positive.
     """
     positive(width=width, height=height)
     centres, radii = np.asarray(centres, dtype=float).reshape(-1, 3), np.broadcast_to(radii, len(centres))
@@ -94,11 +94,11 @@ def strobe(
     ----------
     tracks : sequence of Track
         Paths of the bodies, in x and y.
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Radii of the spheres of which each body consists [m].
-    offsets : Array, shape (n, 3)
+    offsets : ndarray, shape (n, 3)
         Their centres from the centre of the body [m], z up.
-    walls : Array, shape (m, 3, 3), optional
+    walls : ndarray, shape (m, 3, 3), optional
         Triangles [m] as for `draw`, with y into the image; see `slab`.
     flashes : int
         Number of times over the longest track.
@@ -135,7 +135,7 @@ def slab(low: Sequence[float], high: Sequence[float], *, turned: float = 0.0) ->
 
     Returns
     -------
-    Array, shape (2, 3, 3)
+    ndarray, shape (2, 3, 3)
         The triangles [m].
 
     Examples

@@ -23,7 +23,7 @@ class Frame:
     ident: npt.NDArray[np.int64]  # shape (n,), number in the order of adding, from 0
     position: Array  # [m], shape (n, 3)
     velocity: Array  # [m/s], shape (n, 3)
-    sizes: Array | None = None  # of all spheres by their number, over the largest; None: all alike
+    sizes: Array | None = None  # of all spheres by their number, over the largest; None: all equal
 
     def beads(self, particle: Particle) -> Beads:
         """Return the spheres as the engine has them.

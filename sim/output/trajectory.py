@@ -57,7 +57,7 @@ class Trajectory(ABC):
         Parameters
         ----------
         beads : Beads
-            The spheres.
+            Spheres at that time.
         time : float
             Time [s].
         step : int
@@ -115,10 +115,10 @@ def begin(path: Path, kinds: Sequence[str], domain: tuple[Array, Array], *, fram
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the trajectory.
     kinds : sequence of str
         Names of the kinds of particles.
-    domain : tuple of Array
+    domain : tuple of ndarray
         Low and high corner [m] of the box that contains all of them.
     frames : int
         Number of its frames after which an existing file is continued; if there is none a new one begins.
@@ -430,10 +430,10 @@ def write_walls(path: Path, shapes: Sequence[Shape], domain: tuple[Array, Array]
     Parameters
     ----------
     path : Path
-        The file.
+        Path of the .vtk file.
     shapes : sequence of Shape
-        The walls.
-    domain : tuple of Array
+        Shapes of the walls.
+    domain : tuple of ndarray
         Low and high corner [m], to which an infinite plane is cut.
     """
     meshes = [triangles(shape, domain) for shape in shapes]
@@ -454,13 +454,13 @@ def triangles(shape: Shape, domain: tuple[Array, Array]) -> Array:
     Parameters
     ----------
     shape : Shape
-        The wall.
-    domain : tuple of Array
+        Shape of the wall.
+    domain : tuple of ndarray
         Low and high corner [m], to which a plane is cut.
 
     Returns
     -------
-    Array, shape (n, 3, 3)
+    ndarray, shape (n, 3, 3)
         Corners of the triangles [m].
     """
     from rigtwin.sim.engine.walls import elements

@@ -115,7 +115,7 @@ class Emptying:
 
         Parameters
         ----------
-        course, staying : Course, Array
+        course, staying : Course, ndarray
             As for `rigtwin.sim.pile.pile.Method.warnings`.
 
         Returns
@@ -175,9 +175,9 @@ def section(centres: Array, radii: Array, rig: Pile, drain_diameter: float, grai
 
     Parameters
     ----------
-    centres : Array, shape (n, 3)
+    centres : ndarray, shape (n, 3)
         Centres of the spheres [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
     rig : Pile
         Its base diameter, that of the container, is used.

@@ -300,7 +300,7 @@ class Method(Protocol):
         ----------
         course : Course
             State of the run at its end.
-        staying : Array, shape (n, 3)
+        staying : ndarray, shape (n, 3)
             Centres [m] of the particles that stay on the base.
 
         Returns
@@ -363,7 +363,7 @@ def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) ->
     rig : Pile
         As for `run`.
     heap : Heap
-        The heap.
+        Heap at the end of a run.
     turn : float
         Direction of view [deg] about z.
     tilt : float
@@ -371,7 +371,7 @@ def picture(rig: Pile, heap: Heap, *, turn: float = 30.0, tilt: float = 20.0) ->
 
     Returns
     -------
-    Array, shape (height, width, 3)
+    ndarray, shape (height, width, 3)
         RGB image.
     """
     from rigtwin.sim.output.picture import draw

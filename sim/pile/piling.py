@@ -127,7 +127,7 @@ class Piling:
 
         Parameters
         ----------
-        course, staying : Course, Array
+        course, staying : Course, ndarray
             As for `rigtwin.sim.pile.pile.Method.warnings`.
 
         Returns

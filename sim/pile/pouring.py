@@ -131,9 +131,9 @@ class Pouring:
 
         Parameters
         ----------
-        centres : Array, shape (n, 3)
+        centres : ndarray, shape (n, 3)
             Centres of the spheres [m].
-        radii : Array, shape (n,)
+        radii : ndarray, shape (n,)
             Their radii [m].
 
         Returns
@@ -148,7 +148,7 @@ class Pouring:
 
         Parameters
         ----------
-        course, staying : Course, Array
+        course, staying : Course, ndarray
             As for `rigtwin.sim.pile.pile.Method.warnings`.
 
         Returns

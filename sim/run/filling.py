@@ -88,7 +88,7 @@ class Outlet:
 
         Returns
         -------
-        Array, shape (3,)
+        ndarray, shape (3,)
             The place [m].
         """
         reach = (self.diameter - diameter) / 2
@@ -124,8 +124,8 @@ class Source(Protocol):
 
         Returns
         -------
-        Array, shape (3,), or None
-            The place [m]; None where the particle would touch a wall.
+        ndarray, shape (3,), or None
+            The place [m]; None where the particle would reach out of the region or touch a wall.
         """
         ...
 
@@ -182,7 +182,7 @@ def need_end(outlet: Outlet, count: int) -> None:
     Parameters
     ----------
     outlet : Outlet
-        The outlet.
+        Outlet that the particles pour from.
     count : int
         Number of particles.
 
@@ -205,7 +205,7 @@ def need_bearable(outlet: Outlet, fastest: float) -> None:
     Parameters
     ----------
     outlet : Outlet
-        The outlet.
+        Outlet that the particles pour from.
     fastest : float
         Largest speed [m/s] that the time step allows.
 
@@ -371,7 +371,7 @@ class Course(Filling):
 
         Returns
         -------
-        Array, shape (count,), or None
+        ndarray, shape (count,), or None
             Size over the largest [1], in the order in which they are placed; None if all are alike.
         """
         if particle.sizes is None:
@@ -423,7 +423,7 @@ def pour(bulk: Bulk, course: Course, source: Source, occupied: Array, particle: 
         Simulation, and the state of the filling.
     source : Source
         Where they are poured.
-    occupied : Array, shape (n, 3)
+    occupied : ndarray, shape (n, 3)
         Centres [m] of which new particles keep clear; of sizes that differ, those in `bulk` are taken instead.
     particle : Particle
         Sphere or clump.
@@ -479,13 +479,13 @@ def places(
 
     Parameters
     ----------
-    occupied : Array, shape (n, 3)
+    occupied : ndarray, shape (n, 3)
         Centres of the others [m].
-    radii : Array, shape (n,)
+    radii : ndarray, shape (n,)
         Their radii [m].
     source : Source
         Where the new ones are placed.
-    diameters : Array, shape (k,)
+    diameters : ndarray, shape (k,)
         Diameters of the new ones [m], in the order in which they are placed.
     rng : numpy.random.Generator
         Source of the numbers.
@@ -495,7 +495,7 @@ def places(
 
     Returns
     -------
-    Array, shape (m, 3)
+    ndarray, shape (m, 3)
         Places [m] of the first m of the k new ones, in their order.
     """
     due = len(diameters)
@@ -528,12 +528,12 @@ def scatter(
     Parameters
     ----------
     bulk : Bulk
-        The simulation.
+        Simulation that the particles are added to.
     count : int
         Number of particles.
     inside : Inside
         Test for points in the container.
-    box : tuple of Array
+    box : tuple of ndarray
         Low and high corner [m] of a box around it.
     particle : Particle
         Sphere or clump; clumps get random orientations.
@@ -563,22 +563,22 @@ def scattered(
 
     Parameters
     ----------
-    count, inside, box, particle, random : int, Inside, tuple of Array, Particle, numpy.random.Generator
+    count, inside, box, particle, random : int, Inside, tuple of ndarray, Particle, numpy.random.Generator
         As for `scatter`.
     said : str
         Setting that determines `count`, for the error message.
     thrown : float
         Standard deviation [m/s] of each component of the velocity.
-    sizes : Array, shape (count,), optional
+    sizes : ndarray, shape (count,), optional
         Sizes over the largest [1].  Default: drawn here.
 
     Returns
     -------
-    places : Array, shape (count, 3)
+    places : ndarray, shape (count, 3)
         Centres [m].
-    velocities : Array, shape (count, 3)
+    velocities : ndarray, shape (count, 3)
         Velocities [m/s].
-    sizes : Array, shape (count,), or None
+    sizes : ndarray, shape (count,), or None
         Sizes over the largest [1]; None where all are alike.
 
     Raises
@@ -612,7 +612,7 @@ def scatter_in_turns(
     ----------
     bulk, logbook, course : Bulk, Logbook, Course
         Simulation, its log, and the state of the filling.
-    count, inside, box, particle : int, Inside, tuple of Array, Particle
+    count, inside, box, particle : int, Inside, tuple of ndarray, Particle
         As for `scatter`.
     progress : Progress
         Callback for the progress display.
@@ -650,7 +650,7 @@ def scatter_some(
     ----------
     bulk, course : Bulk, Course
         Simulation, and the state of the filling.
-    count, inside, box, particle : int, Inside, tuple of Array, Particle
+    count, inside, box, particle : int, Inside, tuple of ndarray, Particle
         As for `scatter`; `count` is that of the whole.
     thrown : float
         Standard deviation [m/s] of each component of the velocity.
@@ -773,7 +773,7 @@ def turns_of(count: int, particle: Particle, random: np.random.Generator) -> Arr
 
     Returns
     -------
-    Array, shape (count, 4), or None
+    ndarray, shape (count, 4), or None
         Quaternions, not normalised; None for a sphere.
     """
     return None if particle.shape is None else random.normal(size=(count, 4))
@@ -838,7 +838,7 @@ def resting(grains: Grains, particle: Particle, still: Stillness = AT_REST) -> b
     Parameters
     ----------
     grains : Grains
-        The particles.
+        Particles that are checked.
     particle : Particle
         Its mean mass and its typical radius scale the limit of the energy.
     still : Stillness

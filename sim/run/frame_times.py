@@ -24,7 +24,7 @@ def frame_times(duration: float, frame_rate: float) -> npt.NDArray[np.float64]:
 
     Returns
     -------
-    Array, shape (n,)
+    ndarray, shape (n,)
         Times [s] from 0, at least two.
 
     Raises

@@ -60,7 +60,7 @@ class Logbook:
     Parameters
     ----------
     bulk : Bulk
-        The simulation.
+        Simulation that is run.
     settings : mapping
         All that decides the outcome, as JSON data.
     trajectory : Path, optional

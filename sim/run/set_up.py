@@ -209,7 +209,7 @@ class Bench:
         Parameters
         ----------
         bulk : Bulk
-            The simulation.
+            Simulation that is run and logged.
         **settings : object
             Settings of the rig that decide the outcome, as JSON data.
 
@@ -296,7 +296,7 @@ def pressed(most: float, seen: Array) -> str:
     ----------
     most : float
         Largest overlap of the whole run [radii].
-    seen : Array, shape (n,)
+    seen : ndarray, shape (n,)
         Largest overlap at each check [radii].
 
     Returns

@@ -15,9 +15,9 @@ def steady_flow(times: Array, passed: Array, total: float, fewest: int = FEWEST)
 
     Parameters
     ----------
-    times : Array, shape (n,)
+    times : ndarray, shape (n,)
         Rising [s].
-    passed : Array, shape (n,)
+    passed : ndarray, shape (n,)
         Particles or their mass [1, kg] that have passed the outlet before each time.
     total : float
         Particles or mass [1, kg] in the whole.

@@ -47,7 +47,7 @@ def each(trials: Sequence[_Trial], kind: type[_Trial], prepare: Callable[[_Trial
     Parameters
     ----------
     trials : sequence
-        The trials.
+        Trials to be prepared.
     kind : type
         The type that all of them must have.
     prepare : callable
@@ -94,14 +94,14 @@ def released(time: Array, frame_rate: float) -> Array:
 
     Parameters
     ----------
-    time : Array, shape (k,)
+    time : ndarray, shape (k,)
         Times of all frames [s].
     frame_rate : float
         Frames per second [1/s].
 
     Returns
     -------
-    Array
+    ndarray
         Times since the release [s].
     """
     return time[FRAMES_AT_REST + 1 :] - FRAMES_AT_REST / frame_rate
@@ -113,7 +113,7 @@ def numerics(active: Sequence[Active]) -> dict[str, str]:
     Parameters
     ----------
     active : sequence of Active
-        The effects.
+        Effects that act.
 
     Returns
     -------

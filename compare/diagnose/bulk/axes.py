@@ -263,7 +263,7 @@ def _spread() -> Axis:
 
 
 def spread(setting: Setting, value: float) -> Setting:
-    """The spheres with diameters of this relative standard deviation about the stated one, all alike often."""
+    """The spheres with diameters of this relative standard deviation about the stated one, uniformly distributed."""
     bead = setting.experiment.particle
     if value <= 0 or bead.shape is not None or bead.sizes is not None:
         return setting

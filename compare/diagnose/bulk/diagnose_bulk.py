@@ -80,7 +80,7 @@ class BulkDiagnosis:
 
     @property
     def where_in_words(self) -> str:
-        """The same in one sentence."""
+        """Where measurement and baseline differ, in one sentence."""
         return where_in_words(self.where, numbers(self.responses))
 
     @property
@@ -275,7 +275,7 @@ def parameters_of(candidate: BulkCandidate) -> dict[str, dict[str, Any]]:
     Parameters
     ----------
     candidate : BulkCandidate
-        The candidate.
+        Candidate whose effects are listed.
 
     Returns
     -------
@@ -412,12 +412,12 @@ def not_in_the_model(found: BulkDiagnosis) -> list[str]:
     Parameters
     ----------
     found : BulkDiagnosis
-        The diagnosis.
+        Diagnosis whose effects are checked.
 
     Returns
     -------
     list of str
-        The sentences.
+        Sentences; empty where the model holds all effects.
     """
     held = {"rolling_resistance", "sliding_friction", "wall_friction", "cohesion_sjkr", "particle_size"}
     return [
