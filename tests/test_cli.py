@@ -413,7 +413,7 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
             ["simulate", "tilt", "--variant", "slide", "--speed", "2deg"],
             "unit for a tilting speed; write it like '2 deg/s'",
         ),
-        (["measure", "drop", "x.mp4", "--known-length", "100:1,2,3,4"], "100 m long; write the length with its unit"),
+        (["measure", "drop", "x.mp4", "--known-length", "100:1,2,301,4"], "100 m long; write the length with its unit"),
         (["simulate", "pendulum", "--length", "9cm", "--release-angle", "45deg", "--wall", "steel"], "--variant wall"),
         (["simulate", "drum", "--drum-diameter", "60mm", "--speed", "3rpm", "--count", "9", "--fill", "0.3"], "--fill"),
         (["simulate", "hopper", "--variant", "conical", "--outlet", "30mm", "--depth", "3m"], "--variant slot"),
