@@ -345,5 +345,5 @@ class Scene:
 def _inverses(normals: Array) -> Array:
     """Inverses of matrices, shape (n, 3, 3); regularised, so singular ones give large values."""
     traces = np.einsum("kii->k", normals)
-    # without any texture the traces are zero; 1e-30 is far below those of real pictures and its inverse does not overflow
+    # without texture the traces are zero; 1e-30 is far below those of any picture, and its inverse does not overflow
     return np.asarray(np.linalg.inv(normals + (1e-12 * traces + 1e-30)[:, None, None] * np.eye(3)))
