@@ -718,7 +718,9 @@ def _verdict(
         certainty = "probably " if abs(z) < _coverage(freedom, SURE) else ""
         return f"twin {certainty}too {'high' if z > 0 else 'low'}"
     half = (span if math.isfinite(span) else 2.0) * (0.0 if percent is None else percent[1])  # [%]
-    if half <= UNINFORMATIVE and (abs(z) < 2 or math.isfinite(span)):
+    # relative to an uncertain value the interval of a large deviation may exclude zero where z does not exceed its span
+    within = percent is None or abs(percent[0]) <= half
+    if within and half <= UNINFORMATIVE and (abs(z) < 2 or math.isfinite(span)):
         return "agrees"
     # what more repetitions would leave
     if percent is None or abs(z) >= 2:

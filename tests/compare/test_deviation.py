@@ -231,6 +231,14 @@ def test_one_repetition_rejects_no_twin_however_precise_it_is():
     assert left.verdict == "too few repetitions to tell"
 
 
+def test_a_deviation_whose_interval_excludes_zero_does_not_agree():
+    known = Scatter(0.0435, 1.7, "published")
+    row = compared([quantity(0.5675, 0.001)], [quantity(0.45, 0.001)], scatter=lambda _name: known)[0]
+    assert abs(row.z) < row.coverage_factor
+    assert abs(row.percent_deviation) > row.coverage_factor * row.percent_deviation_std
+    assert row.verdict == "too few repetitions to tell"
+
+
 def test_one_repetition_shows_that_a_rig_is_not_set_as_stated():
     height = [quantity(value, 0.001, "drop_height", "m", "fit") for value in (0.30, 0.32)]
     row = compared(height[:1], height[1:], set_from={"drop_height": "stated"})[0]
