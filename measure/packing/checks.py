@@ -190,11 +190,17 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
     checks = []
     same = False
     if bed.gauge is None and math.isfinite(bed.elsewhere):
+        near = abs(math.log(bed.elsewhere)) <= math.log(PITCH_RANGE)  # it can be no further before or behind the axis
+        ending = (
+            "the gauge stands before or behind the axis and was not used, neither for the floor."
+            if near
+            else "check --cylinder-diameter and --bead-diameter."
+        )
         message = (
             f"the gauge's scale is {bed.elsewhere:.3f} times the cylinder's, and the size of the beads agrees with the "
-            "cylinder: the gauge stands before or behind the axis and was not used, neither for the floor."
+            f"cylinder: {ending}"
         )
-        checks.append(Check("gauge", True, bed.elsewhere, 1.0, message))
+        checks.append(Check("gauge", near, bed.elsewhere, 1.0, message))
     elif bed.gauge is None:
         checks.append(
             Check(

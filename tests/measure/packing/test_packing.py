@@ -452,6 +452,14 @@ def test_without_the_beads_size_the_gauge_contradicts_a_wrong_cylinder(tmp_path,
     assert not any("size not confirmed" in each for each in result.warnings)
 
 
+def test_a_gauge_contradicts_a_cylinder_and_beads_that_are_stated_ten_times_too_large(tmp_path):
+    photo = tmp_path / "bed.png"
+    draw(photo)
+    result = packing.measure([photo], Camera(), cylinder_diameter=10 * CYLINDER, bead_diameter=10 * BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.doubtful.endswith("check --cylinder-diameter and --bead-diameter")
+
+
 def test_without_the_beads_size_the_right_cylinder_is_not_accused(tmp_path):
     photo = tmp_path / "bed.png"
     truth = draw(photo)
