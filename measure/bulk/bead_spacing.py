@@ -14,9 +14,6 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image, Mask
 
-# distance of neighbours in bead diameters as seen in the outermost layers of a settled bed, where not all beads touch
-# or lie at the same depth; and its relative standard uncertainty
-NEIGHBOURS, NEIGHBOURS_UNCERTAINTY = 1.08, 0.05
 PARTS = 2  # shifts per pixel
 FINE = 8.0  # [px], sigma of the first high-pass filter
 CLEAR = 0.03  # minimum correlation at the first ring
@@ -42,15 +39,6 @@ def bead_spacing(image: Image, bed: Mask) -> float | None:
         if found is None:
             return None
     return found if found is not None and found > LEAST else None
-
-
-def size_of_beads(spacing: float) -> float:
-    """Bead diameter from the distance of neighbours, in the same unit.
-
-    >>> round(size_of_beads(10.8), 3)
-    10.0
-    """
-    return spacing / NEIGHBOURS
 
 
 def _correlation(picture: npt.NDArray[np.float32], inside: npt.NDArray[np.float32], fine: float) -> Array:

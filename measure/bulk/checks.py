@@ -8,11 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from rigtwin.lab.quantity import Check
-from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, size_of_beads
 
 # relative limit for the apparent size of single beads: shaded rims are soft, and their measured size scatters by 0.04
 # from photo to photo for all tested blur, noise and light
 MISFIT = 0.16
+
+
+# distance of neighbours in bead diameters as seen in the outermost layers of a settled bed, where not all beads touch
+# or lie at the same depth; and its relative standard uncertainty
+NEIGHBOURS, NEIGHBOURS_UNCERTAINTY = 1.08, 0.05
 
 
 def size_seen(ratio: float, most: float, scale_from: str) -> Check:
@@ -22,6 +26,15 @@ def size_seen(ratio: float, most: float, scale_from: str) -> Check:
     ending = "." if passed else f": check --bead-diameter and the scale (from {scale_from})."
     message = f"beads look {ratio:.2f} times as large as stated; {usual}{ending}"
     return Check("bead_size", passed, ratio, 1.0, message)
+
+
+def size_of_beads(spacing: float) -> float:
+    """Bead diameter from the distance of neighbours, in the same unit.
+
+    >>> round(size_of_beads(10.8), 3)
+    10.0
+    """
+    return spacing / NEIGHBOURS
 
 
 def spacing_check(spacing: float, uncertainty: float, bead: float, scale_from: str) -> Check:

@@ -21,8 +21,9 @@ from rigtwin.lab.arrays import Array, FloatImage, Image
 from rigtwin.lab.camera import STATED_SIGMA, Camera
 from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, bead_spacing
+from rigtwin.measure.bulk.bead_spacing import bead_spacing
 from rigtwin.measure.bulk.beads import colour_cells, rare, shares
+from rigtwin.measure.bulk.checks import NEIGHBOURS_UNCERTAINTY
 from rigtwin.measure.drum.glare import brightened_share
 from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, compared, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of

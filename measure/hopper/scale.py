@@ -9,7 +9,7 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
-from rigtwin.measure.bulk.bead_spacing import NEIGHBOURS_UNCERTAINTY, size_of_beads
+from rigtwin.measure.bulk.checks import NEIGHBOURS_UNCERTAINTY, size_of_beads
 from rigtwin.measure.hopper.outflow import Outflow, bin_walls
 
 GIVEN_UNCERTAINTY = 0.01  # relative standard uncertainty of a scale from a length in view

@@ -10,6 +10,10 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.records import Profile
 
+# Factor by which a millimetre of the gauge may be larger or smaller than expected.  It is wide because the gauge is
+# also used to check the stated size from which the expectation comes.
+PITCH_RANGE = 2.2
+
 # Height of the mean outline above the mean top of the surface beads, in bead diameters, and its standard uncertainty.
 # The value comes from settled beds of a DEM, 8 to 13 bead diameters wide, with several frictions.  The uncertainty is
 # that of layers drawn at random (benchmarks/measure/bulk_coverage.py): 0.067 from bed to bed, 0.05 in the middle.

@@ -17,6 +17,7 @@ from rigtwin.measure.packing.bed_profile import (
     NEARER,
     ON_A_LINE,
     OUTLINE_SPREAD,
+    PITCH_RANGE,
     ROUGHEST,
     SAME_PLANE,
     SMOOTHEST,
@@ -24,7 +25,6 @@ from rigtwin.measure.packing.bed_profile import (
     inside_cylinder,
     on_a_line,
 )
-from rigtwin.measure.packing.graduations import PITCH_RANGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

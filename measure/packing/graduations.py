@@ -15,10 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, GreyImage
+from rigtwin.measure.packing.bed_profile import PITCH_RANGE
 
-# Factor by which a millimetre may be larger or smaller than expected.  It is wide because the gauge is also used to
-# check the stated size from which the expectation comes.
-PITCH_RANGE = 2.2
 BENDING = 0.05  # largest relative change of the pitch from end to end, by perspective
 LEAST_LENGTH = 25.0  # [mm], shortest visible length of a gauge
 CLEAR = 7.0  # least amplitude of the wave over that expected for noise

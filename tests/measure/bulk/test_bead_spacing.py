@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from rigtwin.measure.bulk.bead_spacing import bead_spacing, size_of_beads
+from rigtwin.measure.bulk.bead_spacing import bead_spacing
+from rigtwin.measure.bulk.checks import size_of_beads
 
 
 def touching(side: float, rng: np.random.Generator) -> np.ndarray:
