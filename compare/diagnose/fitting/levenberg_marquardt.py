@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,10 +39,12 @@ def descend(
         step_local, step_global = newton_step(unknowns, state, free, linear, damping)
         # unknowns at a limit that would cross it are held, and the step of the others is computed without them
         held = ((state.values <= low) & (step_global < 0)) | ((state.values >= high) & (step_global > 0))
-        if held.any():
-            step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), linear, damping)
+        held_local = (state.local <= bench.local_low) & (step_local < 0)
+        if held.any() or held_local.any():
+            without = _holding(linear, held_local)
+            step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), without, damping)
         trial = State(
-            state.local + step_local,
+            np.maximum(state.local + step_local, bench.local_low),
             np.clip(state.values + step_global, low, high),
             state.scatter,
             state.jitter,
@@ -71,6 +74,14 @@ def descend(
 def _worth(per_row: float) -> float:
     """Relative gain below which the descent ends; the misfit of a bad model is not needed precisely."""
     return HOPELESS_WORTH if per_row > HOPELESS else FAR_WORTH if per_row > FAR else 1e-7
+
+
+def _holding(linear: Linear, held: Array) -> Linear:
+    """The equations without the local unknowns marked in `held` (R, L): their steps are zero."""
+    a, b = np.where(held[:, :, None] | held[:, None], 0.0, linear.a), np.where(held[..., None], 0.0, linear.b)
+    run, at = np.nonzero(held)
+    a[run, at, at] = 1.0
+    return replace(linear, a=a, b=b, g_local=np.where(held, 0.0, linear.g_local))
 
 
 def newton_step(
