@@ -12,8 +12,12 @@ from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 
-FAR, FAR_WORTH = 3.0, 3e-5  # reduced chi-square above which a model fits badly, and relative gain that ends its descent
-HOPELESS, HOPELESS_WORTH = 100.0, 5e-3  # the same for a model that does not fit at all
+FAR = 3.0  # objective per coordinate above which a model fits badly
+HOPELESS = 100.0  # objective per coordinate above which a model does not fit at all
+NEGLIGIBLE = 1e-2  # gain that changes no decision
+LEFT, LEFT_HOPELESS = 1e-4, 5e-3
+"""Share of the misfit beyond the noise to which a bad model is fitted, and the same for one that does not fit at all:
+what is compared with it differs by far more."""
 IDLE = 4  # successive steps without gain that end the descent; integration in steps makes the objective slightly rough
 DAMPED, FREE = 1e-4, 1e-9
 """Relative damping at the start for a bad model, and at the end.  The final value is small because the information that
@@ -51,8 +55,10 @@ def descend(
         )
         tried = linearise(bench, terms, unknowns, trial, mask)
         gain = linear.objective - tried.objective
-        small = 1e-2 + _worth(tried.objective / bench.rows.size) * abs(tried.objective)
-        idle = idle + 1 if abs(gain) < small else 0
+        small = _small(min(tried.objective, linear.objective), bench.rows.size)
+        # where the objective is slightly rough a step that promises nothing may fail by more than it promised
+        promise = promised(unknowns, state, linear, step_local, step_global)
+        idle = idle + 1 if abs(gain) < small or promise < small else 0
         if gain >= 0:
             state.local, state.values, linear = trial.local, trial.values, tried
             # with less damping a step that was just refused would be refused again
@@ -71,9 +77,16 @@ def descend(
     return linear, False
 
 
-def _worth(per_row: float) -> float:
-    """Relative gain below which the descent ends; the misfit of a bad model is not needed precisely."""
-    return HOPELESS_WORTH if per_row > HOPELESS else FAR_WORTH if per_row > FAR else 1e-7
+def _small(objective: float, rows: int) -> float:
+    """Gain that is not worth a step."""
+    share = LEFT if objective < HOPELESS * rows else LEFT_HOPELESS
+    return NEGLIGIBLE + share * max(objective - rows, 0.0)
+
+
+def promised(unknowns: Sequence[Unknown], state: State, linear: Linear, step_local: Array, step_global: Array) -> float:
+    """Decrease of the objective by a step in the linearised model."""
+    pull = np.array([(u.prior - v) / u.sd**2 for u, v in zip(unknowns, state.values, strict=True)])
+    return float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step_global))
 
 
 def _holding(linear: Linear, held: Array) -> Linear:

@@ -108,14 +108,13 @@ class DropBench:
         # an impact that was not filmed is held by its prior
         unseen = np.where(self.active, np.inf, 1e-3)
         side_sd = lab.uncertainty("release_sideways_speed_m_s", default=SIDEWAYS)
-        free = np.full((repetitions, 2), np.inf)
         self.local_sd = np.concatenate(
-            [np.tile([10.0, 0.01, tall, side_sd], (repetitions, 1)), unseen, unseen, free], axis=1
+            [np.tile([10.0, 0.01, tall, side_sd], (repetitions, 1)), unseen, unseen, np.full((repetitions, 2), np.inf)],
+            axis=1,
         )
         self.local_sd[:, 2] *= shared(self.condition)
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost), 1e-3, 1e-3])
-        self.local_low = np.full(len(self.local_step), -np.inf)
-        self.local_low[4 : 4 + lost] = SLOWEST
+        self.local_low = np.array([*([-np.inf] * 4), *([SLOWEST] * lost), *([-np.inf] * (lost + 2))])
         pairs = len(self.pairs)
         bounce = np.where(self.active, self.pair[:, None], -1)
         kick = np.where(self.active, pairs + 2, -1)
