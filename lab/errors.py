@@ -17,6 +17,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -46,9 +47,22 @@ class Seen:
 
 
 class RigtwinError(Exception):
-    """Base of every error rigtwin raises on purpose; the message is one clear sentence."""
+    """Base of every error rigtwin raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+        One clear sentence.
+    """
 
     exit_code = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+
+    def __str__(self) -> str:
+        return self.message
 
 
 class Interrupted(RigtwinError):
@@ -84,7 +98,6 @@ class BadInput(RigtwinError):
 
     def __init__(self, message: str = "", seen: Seen | None = None) -> None:
         super().__init__(message)
-        self.message = message
         self.seen = seen
         self.picture: Path | None = None  # written, and named at the end of the text
 
@@ -131,6 +144,63 @@ class NothingToMeasure(BadInput):
     """Readable media in which the thing to be measured was not found."""
 
 
+# an option and its value: a number with its unit, or a word with a digit, an inner comma or colon (x1,y1,x2,y2)
+_OPTION = re.compile(
+    r"--([a-z]+(?:-[a-z]+)*)"
+    r"(?: (\d[\d.e+-]* (?:mm|m|g|kg|Hz|deg|s|ms)\b|(?=[^\s;]*(?:\d|[,:]\w))[\w.,:+^/-]*\w))?"
+)
+
+
+def options_in(text: str) -> list[str]:
+    """Return the options of the command line that a message names.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+
+    Returns
+    -------
+    list of str
+        Their names as keys, ``bead_diameter`` of ``--bead-diameter``.
+
+    Examples
+    --------
+    >>> options_in("give --bead-diameter 6 mm, or --scale.")
+    ['bead_diameter', 'scale']
+    """
+    return [option[1].replace("-", "_") for option in _OPTION.finditer(text)]
+
+
+def rename_options(text: str, instead: Callable[[str, str], str | None]) -> str:
+    """Return a message with other names for the options of the command line.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+    instead : callable
+        Called with an option's name as a key (``bead_diameter``) and its value, quoted after a blank, "" if it has
+        none; returns what takes their place, None if the option stays.
+
+    Returns
+    -------
+    str
+        The message.
+
+    Examples
+    --------
+    >>> rename_options("give --bead-diameter 6 mm, or --scale.", lambda name, value: f"{name}{value}")
+    'give bead_diameter "6 mm", or scale.'
+    """
+
+    def renamed(option: re.Match[str]) -> str:
+        value = "" if option[2] is None else f' "{option[2]}"'
+        return instead(option[1].replace("-", "_"), value) or option[0]
+
+    return _OPTION.sub(renamed, text)
+
+
 _change: ContextVar[Callable[[str], str]] = ContextVar("_change", default=str)
 
 
@@ -162,7 +232,7 @@ def reworded_refusals(change: Callable[[str], str]) -> Iterator[None]:
     before = _change.set(change)
     try:
         yield
-    except BadInput as error:
+    except RigtwinError as error:
         error.message = reword(error.message)
         raise
     finally:
