@@ -8,6 +8,7 @@
     ├── WorkerEnded              exit code 2: the system ended a worker process, most likely for want of memory
     └── BadInput                 exit code 2: the input, not the program, is at fault
         ├── BadQuantity          text that is not a number with a fitting unit
+        ├── BadCamera            values of the camera that cannot be, or contradict each other
         ├── BadLabFile           lab.toml: the message names file, key and line
         ├── UnreadableMedia      no such file, empty, not a video, not a picture
         ├── Claimed              another run writes into the same folder or checkpoint
@@ -126,6 +127,22 @@ class BadLabFile(BadInput):
         self.faults = tuple(faults)
         self.headed = message
         super().__init__(": ".join(filter(None, (message, " ".join(self.faults)))))
+
+
+class BadCamera(BadInput):
+    """Values of the camera that cannot be, or that contradict each other.
+
+    Parameters
+    ----------
+    message : str
+        The first fault, with the option.
+    faults : sequence of (str, str)
+        Key and sentence of each fault.
+    """
+
+    def __init__(self, message: str = "", faults: Sequence[tuple[str, str]] = ()) -> None:
+        super().__init__(message)
+        self.faults = tuple(faults)
 
 
 class TwinLacks(BadInput):
