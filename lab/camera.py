@@ -27,6 +27,13 @@ FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the p
 
 
 STATED_SIGMA = 2.0  # [px], standard uncertainty of a point that the user states, read off the picture by eye
+STATED_OFF = 4.0  # standard uncertainties by which what is seen may lie beside a point that is stated
+# Relative standard uncertainty of a scale that is stated, where a rig knows no other: as of a length of 280 px between
+# two points of STATED_SIGMA each.
+GIVEN_UNCERTAINTY = 0.01
+# of a camera whose lens is not known: focal length over the picture's width or longer side, between a
+# phone (0.75) and a macro lens (3 and more), and the standard deviation of its logarithm
+FOCAL_LENGTH, FOCAL_UNCERTAINTY = 2.0, 0.4
 
 Kind = Literal["checkerboard", "charuco", "aruco"]
 Point = tuple[float, float]
@@ -204,7 +211,7 @@ class Camera:
             return "board"
         return "given" if self.scale is not None else "known length"
 
-    def scale_uncertainty(self, by_hand: float) -> float:
+    def scale_uncertainty(self, by_hand: float = GIVEN_UNCERTAINTY) -> float:
         """Return the relative standard uncertainty of `given_scale`.
 
         Parameters
