@@ -7,14 +7,13 @@ keyword arguments, as text with a unit (``"6.2 mm"``) or as a number in SI units
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput, rename_options, reworded_refusals
 from rigtwin.lab.rigs import RIGS, RigName
 
 if TYPE_CHECKING:
@@ -441,14 +440,8 @@ def _within(value: int, option: Any) -> bool:
 
 def _in_own_words(call: Callable[[], Any]) -> Any:
     """Call; a refusal names the keyword argument where the command line names the option."""
-    try:
+    with reworded_refusals(partial(rename_options, instead=lambda name, value: f"{name}{value}")):
         return call()
-    except RigtwinError as error:
-        given = error.message if isinstance(error, BadInput) else str(error)
-        said = type(error)(re.sub(r"--([a-z][a-z-]*)", lambda option: option[1].replace("-", "_"), given))
-        if isinstance(error, BadInput) and isinstance(said, BadInput):
-            said.seen, said.picture = error.seen, error.picture
-        raise said from error
 
 
 def _unknown(what: str, name: object, known: Sequence[str]) -> Exception:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.markup import escape
 
-from rigtwin.commands.log_file import LOGGER
+from rigtwin.commands.log_file import LOG_EVERY, LOGGER
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from rigtwin.compare.twins.twin import Twin
     from rigtwin.lab.progress import Progress
     from rigtwin.lab.quantity import Check, Measurement, Quantity
-
-LOG_EVERY = 15.0  # seconds between two lines of progress in a file
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from rigtwin.lab.version import __version__
 
 LOGGER = logging.getLogger("rigtwin")
 LOGGER.addHandler(logging.NullHandler())  # without a file nothing is printed
-LOG_EVERY = 15.0  # [s], between two lines of one step
+LOG_EVERY = 15.0  # [s], between two lines of progress in a file
 LINE = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z [A-Z]+ ")
 
 WarningsOf = Callable[[Any], Iterable[str]]

@@ -244,7 +244,7 @@ TABLE: dict[str, tuple[Any, Any]] = {
 }
 """What the person says of a table of tracked data that is given in place of a film."""
 
-SHORTEST, LARGEST_BEAD = 1e-6, 0.5  # [m], what a camera resolves, and a unit that was forgotten
+SHORTEST = 1e-6  # [m], what a camera resolves
 
 PHOTO = ("scale", "known_length", "region", "ignore", "camera_roll", "plumb_line", "board")
 FILM = ("frame_rate", "start", "end", "exclude", *PHOTO)
@@ -394,7 +394,7 @@ def camera_of(
 def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> float:
     """A quantity in SI that must be above zero, no longer than a bench."""
     from rigtwin.lab.errors import BadQuantity
-    from rigtwin.lab.units import LONGEST, si
+    from rigtwin.lab.units import LARGEST_BEAD, LONGEST, si
 
     value = si(text, dimension, name=name)
     if value < 0 or (value == 0 and not zero):

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from rigtwin.compare.result_files import relative
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.lab.errors import BadInput, TwinLacks
+from rigtwin.lab.errors import BadInput, TwinLacks, options_in
 from rigtwin.lab.file.lab_file import Experiment, Fault, Lab, faulty
+from rigtwin.lab.file.option_names import in_keys
 from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.tracked.table import is_table
-
-OPTION = re.compile(r"--(region|known-length|start|end|exclude|frame-rate)\b")
-"""Options of `measure` in its messages; a lab file has them as keys of ``[experiments.camera]``."""
 
 
 def preflight(lab: Lab, experiments: Sequence[Experiment], *, count: int | None) -> dict[str, str]:
@@ -181,13 +178,13 @@ def _opened(lab: Lab, experiment: Experiment, views: Sequence[Path]) -> float | 
 
 def _misfit(lab: Lab, experiment: Experiment, view: Path, error: BadInput) -> _Misfit:
     """The fault with the key that states what does not fit: that of the file, or of all files."""
-    option = OPTION.search(str(error))
-    if option is None:
-        return _Misfit(("repetitions",), str(error))
-    name = option[1].replace("-", "_")
+    why = in_keys(str(error), experiment.rig_name, experiment.particle.name)
     camera = experiment.camera_of(view)
+    name = next((name for name in options_in(str(error)) if hasattr(camera, name)), None)
+    if name is None:
+        return _Misfit(("repetitions",), why)
     if name == "start" and camera.start is None:  # the message names both if the interval is too short
         name = "end"
     own = getattr(camera, name) != getattr(experiment.camera, name)
     place = ("files", relative(view, lab.folder)) if own else ("camera",)
-    return _Misfit((*place, name), OPTION.sub(lambda found: found[1].replace("-", "_"), str(error)))
+    return _Misfit((*place, name), why)

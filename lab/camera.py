@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
-from rigtwin.lab.errors import BadInput, BadQuantity
+from rigtwin.lab.errors import BadCamera, BadQuantity
 from rigtwin.lab.units import LONGEST, si
 
 _BOARD = re.compile(
@@ -27,6 +27,13 @@ FASTEST = 1e8  # [1/s], no camera films faster; a larger rate is a slip of the p
 
 
 STATED_SIGMA = 2.0  # [px], standard uncertainty of a point that the user states, read off the picture by eye
+STATED_OFF = 4.0  # standard uncertainties by which what is seen may lie beside a point that is stated
+# Relative standard uncertainty of a scale that is stated, where a rig knows no other: as of a length of 280 px between
+# two points of STATED_SIGMA each.
+GIVEN_UNCERTAINTY = 0.01
+# of a camera whose lens is not known: focal length over the picture's width or longer side, between a
+# phone (0.75) and a macro lens (3 and more), and the standard deviation of its logarithm
+FOCAL_LENGTH, FOCAL_UNCERTAINTY = 2.0, 0.4
 
 Kind = Literal["checkerboard", "charuco", "aruco"]
 Point = tuple[float, float]
@@ -119,34 +126,35 @@ class Camera:
     slot: Line | None = None  # hopper: the two edges of the outlet
 
     def __post_init__(self) -> None:
-        if self.frame_rate is not None and 0 < self.frame_rate < SLOWEST:
-            raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
-        for name in ("frame_rate", "scale"):
-            value = getattr(self, name)
+        if faults := tuple(self._faults()):
+            name, why = faults[0]
+            raise BadCamera(f"--{name.replace('_', '-')}: {why}", faults)
+
+    def _faults(self) -> Iterator[tuple[str, str]]:
+        """Keys with values that cannot be or contradict another key, and what is wrong."""
+        of_scale = "scale" if self.known_length is None or self.scale is not None else "known_length"
+        in_pixel = "m in a pixel; write it like '0.2 mm/px', or a known length with the pixels that it spans."
+        for name, value, least, most, rest in (
+            ("frame_rate", self.frame_rate, SLOWEST, FASTEST, "Hz; write it like '240 Hz'."),
+            (of_scale, self.given_scale, NARROWEST_PIXEL, WIDEST_PIXEL, in_pixel),
+        ):
             if value is not None and not (math.isfinite(value) and value > 0):
-                raise BadInput(f"the camera's {name.replace('_', ' ')} must be positive, got {value:g}.")
-        if self.frame_rate is not None and self.frame_rate > FASTEST:
-            raise BadInput(f"the camera's frame rate cannot be {self.frame_rate:g} Hz; write it like '240 Hz'.")
-        if self.given_scale is not None and not NARROWEST_PIXEL <= self.given_scale <= WIDEST_PIXEL:
-            raise BadInput(
-                f"the camera's scale cannot be {self.given_scale:g} m in a pixel; write it like '0.2 mm/px', or a "
-                "known length with the pixels that it spans."
-            )
+                yield name, f"must be positive, got {value:g}."
+            elif value is not None and not least <= value <= most:
+                yield name, f"cannot be {value:g} {rest}"
         if self.scale is not None and self.known_length is not None:
-            raise BadInput("a scale and a known length are both given; leave one of them out.")
+            yield "known_length", "a scale is given too; leave one of them out."
         if self.board is not None and self.lens is None and self.given_scale is not None:
-            raise BadInput("a board and a scale are both given; leave one of them out.")
+            yield "board", "a scale or a known length is given too; leave one of them out."
         if len(self.pivots) > 2:
-            raise BadInput(f"{len(self.pivots)} pivots are given; a pendulum has one or two.")
-        for option, line in {"--base": self.base, "--cylinder": self.cylinder, "--slot": self.slot}.items():
+            yield "pivot", f"{len(self.pivots)} are given; a pendulum has one or two."
+        for name, line in {"base": self.base, "cylinder": self.cylinder, "slot": self.slot}.items():
             if line is not None and abs(line[1][1] - line[0][1]) > abs(line[1][0] - line[0][0]):
                 ends = " and ".join(f"{x:g},{y:g}" for x, y in line)
-                raise BadInput(
-                    f"{option} names points at {ends}, more above than beside each other; give its left and right end."
-                )
+                yield name, f"names points at {ends}, more above than beside each other; give its left and right end."
         start, end = self.start, self.end
         if start and end and start.unit == end.unit and start.value >= end.value:
-            raise BadInput(f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit}).")
+            yield "end", f"{end.value:g} {end.unit} is not after the start ({start.value:g} {start.unit})."
 
     def places(self) -> Iterator[tuple[str, Point]]:
         """Yield every point that is stated.
@@ -203,7 +211,7 @@ class Camera:
             return "board"
         return "given" if self.scale is not None else "known length"
 
-    def scale_uncertainty(self, by_hand: float) -> float:
+    def scale_uncertainty(self, by_hand: float = GIVEN_UNCERTAINTY) -> float:
         """Return the relative standard uncertainty of `given_scale`.
 
         Parameters

@@ -8,6 +8,7 @@
     ├── WorkerEnded              exit code 2: the system ended a worker process, most likely for want of memory
     └── BadInput                 exit code 2: the input, not the program, is at fault
         ├── BadQuantity          text that is not a number with a fitting unit
+        ├── BadCamera            values of the camera that cannot be, or contradict each other
         ├── BadLabFile           lab.toml: the message names file, key and line
         ├── UnreadableMedia      no such file, empty, not a video, not a picture
         ├── Claimed              another run writes into the same folder or checkpoint
@@ -17,6 +18,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -46,9 +48,22 @@ class Seen:
 
 
 class RigtwinError(Exception):
-    """Base of every error rigtwin raises on purpose; the message is one clear sentence."""
+    """Base of every error rigtwin raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+        One clear sentence.
+    """
 
     exit_code = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+
+    def __str__(self) -> str:
+        return self.message
 
 
 class Interrupted(RigtwinError):
@@ -84,7 +99,6 @@ class BadInput(RigtwinError):
 
     def __init__(self, message: str = "", seen: Seen | None = None) -> None:
         super().__init__(message)
-        self.message = message
         self.seen = seen
         self.picture: Path | None = None  # written, and named at the end of the text
 
@@ -115,6 +129,22 @@ class BadLabFile(BadInput):
         super().__init__(": ".join(filter(None, (message, " ".join(self.faults)))))
 
 
+class BadCamera(BadInput):
+    """Values of the camera that cannot be, or that contradict each other.
+
+    Parameters
+    ----------
+    message : str
+        The first fault, with the option.
+    faults : sequence of (str, str)
+        Key and sentence of each fault.
+    """
+
+    def __init__(self, message: str = "", faults: Sequence[tuple[str, str]] = ()) -> None:
+        super().__init__(message)
+        self.faults = tuple(faults)
+
+
 class TwinLacks(BadInput):
     """A contact parameter or a setting that a twin needs and that is neither stated nor measured."""
 
@@ -129,6 +159,63 @@ class Claimed(BadInput):
 
 class NothingToMeasure(BadInput):
     """Readable media in which the thing to be measured was not found."""
+
+
+# an option and its value: a number with its unit, or a word with a digit, an inner comma or colon (x1,y1,x2,y2)
+_OPTION = re.compile(
+    r"--([a-z]+(?:-[a-z]+)*)"
+    r"(?: (\d[\d.e+-]* (?:mm|m|g|kg|Hz|deg|s|ms)\b|(?=[^\s;]*(?:\d|[,:]\w))[\w.,:+^/-]*\w))?"
+)
+
+
+def options_in(text: str) -> list[str]:
+    """Return the options of the command line that a message names.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+
+    Returns
+    -------
+    list of str
+        Their names as keys, ``bead_diameter`` of ``--bead-diameter``.
+
+    Examples
+    --------
+    >>> options_in("give --bead-diameter 6 mm, or --scale.")
+    ['bead_diameter', 'scale']
+    """
+    return [option[1].replace("-", "_") for option in _OPTION.finditer(text)]
+
+
+def rename_options(text: str, instead: Callable[[str, str], str | None]) -> str:
+    """Return a message with other names for the options of the command line.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+    instead : callable
+        Called with an option's name as a key (``bead_diameter``) and its value, quoted after a blank, "" if it has
+        none; returns what takes their place, None if the option stays.
+
+    Returns
+    -------
+    str
+        The message.
+
+    Examples
+    --------
+    >>> rename_options("give --bead-diameter 6 mm, or --scale.", lambda name, value: f"{name}{value}")
+    'give bead_diameter "6 mm", or scale.'
+    """
+
+    def renamed(option: re.Match[str]) -> str:
+        value = "" if option[2] is None else f' "{option[2]}"'
+        return instead(option[1].replace("-", "_"), value) or option[0]
+
+    return _OPTION.sub(renamed, text)
 
 
 _change: ContextVar[Callable[[str], str]] = ContextVar("_change", default=str)
@@ -162,7 +249,7 @@ def reworded_refusals(change: Callable[[str], str]) -> Iterator[None]:
     before = _change.set(change)
     try:
         yield
-    except BadInput as error:
+    except RigtwinError as error:
         error.message = reword(error.message)
         raise
     finally:

@@ -29,15 +29,18 @@ def in_order(file: Path) -> tuple[list[Any], str]:
     return [(int(part) if part.isdigit() else 0, part) for part in parts], file.name
 
 
+RIFF, MATROSKA, FILE_TYPE = b"RIFF", b"\x1a\x45\xdf\xa3", b"ftyp"
+"""First bytes of a RIFF and a Matroska file; bytes 4 to 8 of a file of the MP4 family (ISO 14496-12)."""
+
 _BEGINNINGS = (
     (rb"\xff\xd8\xff", "a picture (JPEG)"),
     (rb"\x89PNG", "a picture (PNG)"),
     (rb"II\*\0|MM\0\*", "a picture (TIFF)"),
     (rb"BM.{4}\0{4}", "a picture (BMP)"),
-    (rb".{4}ftyp", "a film (MP4)"),
-    (rb"RIFF.{4}AVI ", "a film (AVI)"),
-    (rb"\x1a\x45\xdf\xa3", "a film (Matroska)"),
-    (rb"RIFF.{4}WAVE", "a sound recording (WAV)"),
+    (rb".{4}" + FILE_TYPE, "a film (MP4)"),
+    (RIFF + rb".{4}AVI ", "a film (AVI)"),
+    (MATROSKA, "a film (Matroska)"),
+    (RIFF + rb".{4}WAVE", "a sound recording (WAV)"),
     (rb"fLaC", "a sound recording (FLAC)"),
     (rb"OggS", "a sound recording (Ogg)"),
     (rb"ID3[\x02-\x04]", "a sound recording (MP3)"),

@@ -18,7 +18,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
 from rigtwin.sim.engine.contact import Rolling
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.sim.engine.time_step import SINGLE, positive
 from rigtwin.sim.run.frame_times import MOST_FRAMES, frame_times
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rigtwin.sim.engine.few.few_body import Case, Motion
 
 
-STEP = 0.1  # of Rayleigh's time step
 STEEPEST = math.radians(85)
 HALF = math.sqrt(0.5)
 ACROSS = {
@@ -256,7 +255,7 @@ def _case(trial: Trial, frames: _Frames) -> Case:
         walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), plate, contact)],
         gravity=(-GRAVITY * math.sin(rig.start_angle), 0.0, -GRAVITY * math.cos(rig.start_angle)),
         gravity_turns=rig.speed,
-        step=contact_step([body], STEP),
+        step=contact_step([body], SINGLE),
         rolling=trial.rolling,
         effects=acting(trial.effects),
     )
@@ -320,7 +319,7 @@ def numerics(rig: Tilt, particle: Particle, effects: Effects) -> dict[str, str]:
     return {
         "contact_law": Case.contact_law,
         "stiffness_factor": f"{Trial.stiffness_factor:g} of the real Young's moduli of body and plate",
-        "time_step": f"{100 * STEP:g}% of Rayleigh's, at most",
+        "time_step": f"{100 * SINGLE:g}% of Rayleigh's, at most",
         **rolls,
         **named_in(_acting(rig, particle, effects)[0]),
     }
@@ -412,7 +411,7 @@ def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
     along = rig.plate_length / 2
     start = np.array([[along * cosine - lowest * sine, 0.0, along * sine + lowest * cosine]])
     interval = float(time[1] - time[0])
-    steps = math.ceil(interval / (STEP * clump.rayleigh_time_step))
+    steps = math.ceil(interval / (SINGLE * clump.rayleigh_time_step))
     lifting = Motion(spin=rig.speed, axis=(0.0, -1.0, 0.0), start=FRAMES_AT_REST * interval)
     room = 1.5 * rig.plate_length
     bulk = Bulk(

@@ -1000,7 +1000,7 @@ def test_two_runs_do_not_write_into_one_folder(empty_video, tmp_path, capfd):
 @pytest.mark.parametrize("rig", ["drop", "hopper", "drum", "tilt --variant slide", "pendulum"])
 @pytest.mark.parametrize(
     ("option", "value", "said"),
-    [("--scale", "1e-300mm/px", "scale cannot be 1e-303"), ("--region", "1,2,3,4", "shows 3 x 4 px of the picture")],
+    [("--scale", "1e-300mm/px", "--scale: cannot be 1e-303"), ("--region", "1,2,3,4", "shows 3 x 4 px of the picture")],
 )
 def test_places_and_scales_beyond_any_use_are_refused(rig, option, value, said, empty_video, capfd):
     name, *more = rig.split()

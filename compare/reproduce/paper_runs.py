@@ -18,7 +18,7 @@ from rigtwin.compare.deviation import over_views
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rig_quantities import ABOVE_RIM
-from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+from rigtwin.lab.rigs import SLOT_LENGTH, Drum, Hopper, Packing, Pile
 
 if TYPE_CHECKING:
     from rigtwin.compare.twins.many_body import Cast
@@ -34,7 +34,7 @@ DEPTH = 30e-3  # [m], depth of the drum
 FILL = 0.35  # filled share of the drum's volume
 PACKED = 0.6  # approximate packing fraction of a bed
 TURNS = 0.75  # revolutions of the drum
-SLOT = 68e-3  # [m], length of the slot
+SLOT = SLOT_LENGTH  # [m]
 OUTLET = 50e-3  # [m], outlet diameter of the conical hopper
 PRINTED_EMPTIED = 12223  # emptied particles, table 13 at 1e6 Pa
 PILED = 1.6  # particles poured over the number in a full bowl with a pile of 30 degrees

@@ -9,14 +9,15 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from rigtwin.lab.errors import options_in
+
 _NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 _SHARE = re.compile(r"^only (\d+) of (\d+)")
 # warnings that make the numbers of a run doubtful; not the overlap of beads, which follows from the paper's stiffness
 _SPOILS = re.compile(r"still moving|^only \d|arch over|did not stay|reaches above|does not close")
 # exceptions: these do not affect the flow of a hopper, which need not be empty after a stated time
 _OF_HEAP, _OF_REST, _JAM = "the heap was still moving", "had left the hopper", "arch over"
-_OPTION = re.compile(r"--[a-z][a-z-]*")
-_OF_LABS = {"--stiffness-factor"}  # options of `simulate` that `compare` has, too
+_OF_LABS = {"stiffness_factor"}  # options of `simulate` that `compare` has, too
 
 
 def once(said: Iterable[Iterable[str]]) -> dict[str, int]:
@@ -82,7 +83,7 @@ def fit_for_a_lab(warnings: Iterable[str]) -> tuple[str, ...]:
     ('it moves', 'it is soft; give a larger --stiffness-factor')
     """
     said = ((warning, *warning.partition(";")[::2]) for warning in warnings)
-    return tuple(warning if _OF_LABS.issuperset(_OPTION.findall(advice)) else what for warning, what, advice in said)
+    return tuple(warning if _OF_LABS.issuperset(options_in(advice)) else what for warning, what, advice in said)
 
 
 def spoilt(result: Mapping[str, Any]) -> Sequence[str]:

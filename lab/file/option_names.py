@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cache, partial
 from typing import get_args
 
-from rigtwin.lab.errors import reword, reworded_refusals
+from rigtwin.lab.errors import rename_options, reword, reworded_refusals
 from rigtwin.lab.file.schema import ExperimentEntry, ParticleEntry, keys_of_camera
 from rigtwin.lab.quantity import Measurement
 
-# an option and its value: a number with its unit, or a word with a digit, an inner comma or colon (x1,y1,x2,y2)
-_OPTION = re.compile(
-    r"--([a-z]+(?:-[a-z]+)*)"
-    r"(?: (\d[\d.e+-]* (?:mm|m|g|kg|Hz|deg|s|ms)\b|(?=[^\s;]*(?:\d|[,:]\w))[\w.,:+^/-]*\w))?"
-)
 _OF_PARTICLE = "bead_"  # options of the particle begin with it, its keys do not
 
 
@@ -42,18 +36,16 @@ def in_keys(text: str, rig: str, particle: str) -> str:
     >>> in_keys("state it with --base x1,y1,x2,y2, or give --bead-diameter 6 mm and --out", "pile", "D6")
     'state it with base "x1,y1,x2,y2", or give diameter "6 mm" of [particles.D6] and --out'
     """
-    return _OPTION.sub(partial(_key, rig, particle), text)
+    return rename_options(text, partial(_key, rig, particle))
 
 
-def _key(rig: str, particle: str, option: re.Match[str]) -> str:
-    name, value = option[1].replace("-", "_"), option[2]
-    said = "" if value is None else f' "{value}"'
+def _key(rig: str, particle: str, name: str, value: str) -> str | None:
     if name in _keys(rig):
-        return f"{name}{said}"
+        return f"{name}{value}"
     short = name.removeprefix(_OF_PARTICLE)
     if short != name and short in ParticleEntry.model_fields:
-        return f"{short}{said} of [particles.{particle}]"
-    return option[0]
+        return f"{short}{value} of [particles.{particle}]"
+    return None
 
 
 @cache

@@ -23,7 +23,7 @@ from pydantic_core import ErrorDetails
 from rigtwin.lab import camera
 from rigtwin.lab.custom_rig import DURATION, INTERVAL, End
 from rigtwin.lab.drum_flow import FILL
-from rigtwin.lab.errors import BadInput, BadLabFile
+from rigtwin.lab.errors import BadCamera, BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
 from rigtwin.lab.media_files import kind_of
@@ -830,7 +830,7 @@ class CameraEntry(_Entry):
         return camera.Camera(**{**stated, "board": board}, roll=roll, pivots=self.pivot)
 
     def faults(self, folder: Path, rig: str) -> Iterable[tuple[str, str]]:
-        """Yield keys that do not go together, with the rig, or with what lies in the lab's folder.
+        """Yield keys that cannot be, or do not go together, with the rig, or with what lies in the lab's folder.
 
         Parameters
         ----------
@@ -847,18 +847,14 @@ class CameraEntry(_Entry):
         for name in sorted(self.model_fields_set & _ONLY_OF.keys()):
             if why := _unused(name, rig):
                 yield name, why
-        if len(self.pivot) > 2:
-            yield "pivot", f"{len(self.pivot)} pivots are given; a pendulum has one or two."
         if self.camera_roll is not None and self.plumb_line is not None:
             yield "plumb_line", "camera_roll is given too; leave one of them out."
-        if self.board is not None:
-            if self.scale is not None or self.known_length is not None:
-                yield "board", "the board gives the scale; leave scale and known_length out."
-            if not (folder / self.board.photo).is_file():
-                yield "board", f"there is no file {folder / self.board.photo}; put it there or correct the name."
-        start, end = self.start, self.end
-        if start and end and start.unit == end.unit and start.value >= end.value:
-            yield "end", f"end ({end.value:g} {end.unit}) is not after start ({start.value:g} {start.unit})."
+        if self.board is not None and not (folder / self.board.photo).is_file():
+            yield "board", f"there is no file {folder / self.board.photo}; put it there or correct the name."
+        try:
+            self.camera(folder)
+        except BadCamera as error:
+            yield from error.faults
 
 
 def keys_of_camera(rig: str) -> set[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigtwin.lab.camera import STATED_SIGMA
+from rigtwin.lab.camera import STATED_OFF, STATED_SIGMA
 from rigtwin.lab.formatting import reading
 from rigtwin.lab.quantity import Check, root_sum_of_squares
 from rigtwin.lab.rigs import GRAVITY
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 USUAL_RATES = (24, 25, 30, 48, 50, 60, 90, 100, 120, 200, 240, 250, 300, 400, 480, 500, 600, 960, 1000, 1200, 2000)
 # Standard uncertainties beyond which two scales contradict; that of a rim is a limit (shading), not a scatter.
 SCALES_APART = 2.0
-MOST_OFF = 4.0  # standard uncertainties of a stated plate by which the contacts may lie beside it
 OF_RADIUS = 0.3  # of the bead: seen from above, the visible edge of a plate is not the line on which it is hit
 LEAST_APART = 0.06  # relative tolerance of a stated diameter: beads are not rounder than that
 LEAST_LEFT = 0.05  # [px], lower limit of the tracking noise that is used in the comparison below
@@ -239,7 +238,7 @@ def plate_check(plate: Line, seen: Chase, fitted: Bounces) -> Check:
     lowest = float(-fitted.level(np.array([contact]))[0]) + seen.radius
     (x1, y1), (x2, y2) = plate
     stated = y1 + (y2 - y1) * (x - x1) / max(x2 - x1, 1e-9)
-    passed = abs(lowest - stated) < MOST_OFF * STATED_SIGMA + OF_RADIUS * seen.radius
+    passed = abs(lowest - stated) < STATED_OFF * STATED_SIGMA + OF_RADIUS * seen.radius
     message = (
         f"at the first contact ({contact:.3f} s) the bead's lowest point is {lowest - stated:+.1f} px below --plate"
     )

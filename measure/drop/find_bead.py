@@ -26,14 +26,13 @@ from rigtwin.measure.media.video import Video
 from rigtwin.measure.scene.background import learn_scene
 from rigtwin.measure.tracking.find_paths import Movement, find_paths
 from rigtwin.measure.tracking.follow import Chase, chase_path, look_again
-from rigtwin.measure.tracking.link import SpotPath
+from rigtwin.measure.tracking.link import SpotPath, path_marks
 from rigtwin.measure.tracking.search_by_look import paths_by_look, picture_at, picture_on_path
 from rigtwin.measure.tracking.stated_centres import contradictions, stated_centres, with_stated
 
 WHOLE = 0.9  # minimum share of the frames from the first to the last sighting in which the bead is seen
 NOISIER = 2.0  # factor on the least noise of all paths up to which the number of bounces decides
 FEWEST_SEEN = 8  # a track must have more points
-MOST_MARKED = 8  # paths drawn into the picture of a refusal
 AS_WELL, AS_BRIGHT = 1.3, 0.7  # limits for an unoccluded bead: largest misfit, smallest contrast, over the median
 
 STREAK_OFF = (
@@ -131,10 +130,7 @@ def _no_path(video: Video, camera: Camera, paths: Sequence[SpotPath]) -> Nothing
 
 def marks_of(paths: Sequence[SpotPath]) -> tuple[Mark, ...]:
     """The longest paths as lines in the picture, with the frames that they last."""
-    longest = sorted(paths, key=lambda path: -len(path.frames))[:MOST_MARKED]
-    return tuple(
-        Mark(f"{path.frames[0]}-{path.frames[-1]}", [(spot.x, spot.y) for spot in path.spots]) for path in longest
-    )
+    return path_marks((path.frames, path.centres) for path in sorted(paths, key=lambda path: -len(path.frames)))
 
 
 @dataclass(frozen=True)

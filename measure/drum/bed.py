@@ -24,6 +24,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.bulk.bead_spacing import bead_spacing
 from rigtwin.measure.bulk.beads import colour_cells, rare, shares
 from rigtwin.measure.bulk.checks import NEIGHBOURS_UNCERTAINTY
+from rigtwin.measure.drum.evaluate import USUAL_SHARE
 from rigtwin.measure.drum.glare import brightened_share
 from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, compared, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of
@@ -37,7 +38,6 @@ from rigtwin.measure.scene.steadied_frames import Cut, Steadied, apart, cut_for,
 
 SAMPLES = 41  # frames used as training data for bed and drum
 SPACINGS = 5  # frames in which the distance of the beads is measured; it scatters by 2 % from frame to frame
-BEAD_SHARE = 0.04  # bead over drum diameter, if unknown
 GRAIN_SHARE = 0.012  # the same in a single picture, whose bed may be of powder
 STEPS = 32  # bins of a histogram of motion or texture
 STANDS_OUT = 1.6  # least motion over noise
@@ -147,7 +147,7 @@ def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progre
             "cx,cy,r."
         )
     turned = _upright(scene.picture, rim, camera.roll)
-    bead = (bead_share or BEAD_SHARE) * 2 * rim.radius
+    bead = (bead_share or USUAL_SHARE) * 2 * rim.radius
     looks = _learn(samples, motion, rim, bead)
     if looks is None:
         raise NothingToMeasure(

@@ -53,8 +53,6 @@ BEAD_NOT_KNOWN = (
     "--bead-diameter."
 )
 
-GIVEN_UNCERTAINTY = 0.01  # relative standard uncertainty of a scale from a length in view
-
 
 @shows_refusals
 def measure(
@@ -238,7 +236,7 @@ def _measure_table(
 def _scale(bed: Bed, camera: Camera, drum_diameter: float | None) -> tuple[float | None, str, float]:
     """Scale [m/px] of the analysed picture, its source, and its relative standard uncertainty."""
     if camera.given_scale is not None:
-        return camera.given_scale / bed.lens.zoom, camera.scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY)
+        return camera.given_scale / bed.lens.zoom, camera.scale_from, camera.scale_uncertainty()
     if drum_diameter is not None:
         return drum_diameter / (2 * bed.rim.radius), "drum diameter", bed.rim.sigma / bed.rim.radius
     return None, "not known", math.inf

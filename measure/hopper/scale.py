@@ -12,8 +12,6 @@ from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
 from rigtwin.measure.bulk.checks import NEIGHBOURS_UNCERTAINTY, size_of_beads
 from rigtwin.measure.hopper.outflow import Outflow, bin_walls
 
-GIVEN_UNCERTAINTY = 0.01  # relative standard uncertainty of a scale from a length in view
-
 BIN_UNCERTAINTY = 0.04  # relative standard uncertainty of a scale from the bin's walls, whose depth in view is unknown
 
 BEAD_UNCERTAINTY = (
@@ -54,7 +52,7 @@ def scale_of(
 ) -> tuple[float | None, str, float]:
     """Scale [m/px] of the clip, its source, and its relative standard uncertainty."""
     if camera.given_scale is not None:
-        return camera.given_scale, camera.scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY)
+        return camera.given_scale, camera.scale_from, camera.scale_uncertainty()
     walls = bin_walls(seen.scenery) if bin_width is not None else None
     if walls is not None and bin_width is not None:
         return bin_width / (walls[1] - walls[0]) * seen.lens.zoom, "bin width", BIN_UNCERTAINTY

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import BinaryIO
 
-MATROSKA = b"\x1a\x45\xdf\xa3"
+from rigtwin.lab.media_files import FILE_TYPE, MATROSKA, RIFF
+
 SEGMENT = b"\x18\x53\x80\x67"  # Matroska element that holds all pictures
 STREAMED = (0, 0xFFFFFFFF)  # RIFF lengths written when the length was unknown
 INDEX, PICTURES, FRAGMENT = b"moov", b"mdat", b"moof"  # box types of the MP4 family
@@ -20,13 +21,13 @@ def breaks_off(path: Path) -> bool:
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(12)
-        if head[:4] == b"RIFF":
+        if head[:4] == RIFF:
             length = int.from_bytes(head[4:8], "little")
             # the length excludes the 8 bytes of the header; some writers include them
             return length not in STREAMED and length > size
         if head[:4] == MATROSKA:
             return _segment_breaks_off(file, size)
-        return head[4:8] == b"ftyp" and _boxes_break_off(file, size)
+        return head[4:8] == FILE_TYPE and _boxes_break_off(file, size)
 
 
 def _boxes_break_off(file: BinaryIO, size: int) -> bool:

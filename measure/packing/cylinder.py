@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Image, Mask
-from rigtwin.lab.camera import STATED_SIGMA, Line
+from rigtwin.lab.camera import FOCAL_LENGTH, FOCAL_UNCERTAINTY, STATED_SIGMA, Line
 from rigtwin.lab.errors import Mark
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, more_beads, rim_radius
 from rigtwin.measure.bulk.grain_classes import Grain, grain_classes
@@ -55,9 +55,7 @@ ELSEWHERE = 0.5
 CLEARLY_APART = 0.08  # logarithm of the ratio of their scales, more than beads can decide below
 LOOKING = (-0.1, 0.6)  # slope of the line of sight to the floor: from slightly below its level to 30 degrees above
 MOST_LEAN = math.radians(7)
-FOCAL_SIDES = 2.0  # usual focal length over the longer side of the picture
 USUAL_STEEPNESS = 0.5  # [bead diameters], standard deviation of the prior of `Bed.steepness`
-FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the focal length
 INSIDE = 0.97  # share of the inner radius in which the outline is searched
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
@@ -172,7 +170,7 @@ class Bed:
         surface height over camera distance.
         """
         _, height = self.outline
-        focal = FOCAL_SIDES * self.longer_side
+        focal = FOCAL_LENGTH * self.longer_side
         fallen = float(np.mean(height)) / focal
         steep = self.bulge / (self.width / 2) - fallen
         uncertainty = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / (self.width / 2))
@@ -435,9 +433,9 @@ def _expected_slope(shape: tuple[int, ...], floor: float, upright: Level) -> tup
 
     A camera that is tilted down sees uprights converge downwards, by its tilt over its focal length.
     """
-    focal = FOCAL_SIDES * max(shape[:2])
+    focal = FOCAL_LENGTH * max(shape[:2])
     below, tilt = (floor - shape[0] / 2) / focal, -focal * upright.converging
-    sigma = math.hypot(FOCAL_UNCERTAINTY * (tilt - below), focal * upright.converging_sigma, OFF_CENTRE / FOCAL_SIDES)
+    sigma = math.hypot(FOCAL_UNCERTAINTY * (tilt - below), focal * upright.converging_sigma, OFF_CENTRE / FOCAL_LENGTH)
     return below + tilt, sigma
 
 

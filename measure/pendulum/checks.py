@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rigtwin.lab.camera import STATED_OFF
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.measure.pendulum.swing_fit import Outcome, SwingFit, frame_interval
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 MOST_MISFIT = 1.4  # largest residual over the frame-to-frame noise
 LEAST_MISFIT = 5e-4  # residual over the pendulum's length that always passes: background texture shifts a bead by less
-MOST_OFF = 4.0  # standard uncertainties of a stated pivot by which that of the swings may lie beside it
 LEAST_NOISE = 2e-5  # lower limit of the noise over the pendulum's length: below it an exact record shows its rounding
 
 
@@ -152,7 +152,7 @@ def pivot_checks(fit: SwingFit) -> tuple[Check, ...]:
     for bead, place in zip("AB", fit.stated.places, strict=False):
         at = found["AB".index(bead)]
         off = float(np.hypot(*(at - np.array(place))))
-        passed = off < MOST_OFF * fit.stated.sigma
+        passed = off < STATED_OFF * fit.stated.sigma
         message = f"the pivot of bead {bead} lies {off:.1f} px from where it was stated"
         ending = "." if passed else f", at {at[0]:.0f},{-at[1]:.0f} by its swing: correct --pivot or leave it out."
         checks.append(Check("stated_pivot", passed, off, 0.0, message + ending))

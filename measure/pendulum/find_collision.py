@@ -23,12 +23,12 @@ from rigtwin.measure.media.video import Frame, Video
 from rigtwin.measure.scene.background import middle_picture
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tracking.detect import inside_region
+from rigtwin.measure.tracking.link import path_marks
 
 Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # [bead diameters], minimum jump from the hitting bead to the one that is hit
 MOST_MEETINGS = 8  # number of candidate collisions with the highest scores that are verified in the film
-MOST_MARKED = 8  # paths drawn into the picture of a refusal
 COMPARABLE = 0.4  # minimum score of a candidate over the best one
 HUNG = 0.5  # minimum change at B's rest position over the contrast of the beads
 JUST_LEFT = 12  # [frames] after the collision in which B has left its rest position and A has hardly reached it
@@ -335,10 +335,7 @@ def no_swing(paths: list[Path], video: Video) -> NothingToMeasure:
 
 def marks_of(paths: list[Path]) -> tuple[Mark, ...]:
     """The longest paths as lines in the picture, with the frames that they last."""
-    longest = sorted(paths, key=lambda path: -path.extent)[:MOST_MARKED]
-    return tuple(
-        Mark(f"{path.frames[0]}-{path.frames[-1]}", [(float(x), float(y)) for x, y in path.places]) for path in longest
-    )
+    return path_marks((path.frames, path.places) for path in sorted(paths, key=lambda path: -path.extent))
 
 
 def lone_swing(moving: list[Path], video: Video, stated_length: float | None) -> str:

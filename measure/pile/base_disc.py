@@ -48,8 +48,6 @@ FLATTEST, STEEPEST = 0.25, 1.0  # slopes [1] that every heap exceeds, and that n
 LIT = 4.0  # [grey level], least brightness of a lit top above the face
 SHADOW = 0.3  # of the largest darkening above the face: shadows on the face itself are fainter
 EDGE_ROWS = 8  # [half pixels], width of an edge blurred by the lens
-FOCAL_LENGTH = 2.0  # in widths of the photo: between a phone (0.75) and a macro lens (3 and more)
-FOCAL_UNCERTAINTY = 0.4  # standard deviation of the logarithm of the above
 
 
 # class that a region of the template should have (None: neither grains nor base), and its weight

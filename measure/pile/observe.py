@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, Image
-from rigtwin.lab.camera import Camera
+from rigtwin.lab.camera import FOCAL_UNCERTAINTY, Camera
 from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, Seen
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, scale_used
@@ -22,7 +22,6 @@ from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.picture_size import header_of
 from rigtwin.measure.pile import repose_angles
-from rigtwin.measure.pile.base_disc import FOCAL_UNCERTAINTY
 from rigtwin.measure.pile.checks import (
     BASE_UNCERTAINTY,
     base_check,
@@ -47,10 +46,7 @@ FULL_FRAME_DIAGONAL = 43.27  # [mm]
 
 EXIF_IFD, FOCAL_LENGTH_35MM = 0x8769, 0xA405  # EXIF 2.32, tables 4 and 9
 
-BEAD_UNCERTAINTY, GIVEN_UNCERTAINTY = (
-    0.06,
-    0.01,
-)  # relative standard uncertainty of a scale from beads, and of a given one
+BEAD_UNCERTAINTY = 0.06  # relative standard uncertainty of a scale from beads
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
@@ -198,7 +194,7 @@ def _scale_uncertainty(found: Silhouette, scale_from: str, camera: Camera) -> fl
     if scale_from == "base diameter" and found.stated is not None:
         return _ends_uncertainty(found) / found.view.radius
     by_sizes = {"base diameter": BASE_UNCERTAINTY, "bead diameter": BEAD_UNCERTAINTY, NO_SCALE: 0.0}
-    return by_sizes.get(scale_from, camera.scale_uncertainty(GIVEN_UNCERTAINTY))
+    return by_sizes.get(scale_from, camera.scale_uncertainty())
 
 
 def _ends_uncertainty(found: Silhouette) -> float:

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Image, Mask
-from rigtwin.lab.camera import STATED_SIGMA, Flank, Line
+from rigtwin.lab.camera import FOCAL_LENGTH, STATED_SIGMA, Flank, Line
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
 from rigtwin.measure.bulk.beads import Beads, find_beads, rim_radius
 from rigtwin.measure.bulk.grain_classes import Grain, grain_classes, most_grains
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.bulk.outline_above import outline_above
-from rigtwin.measure.pile.base_disc import FOCAL_LENGTH, find_disc, nearness
+from rigtwin.measure.pile.base_disc import find_disc, nearness
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 FINEST = 1000  # [px], width of the analysed picture; 1400 does not improve the angles of the sample heap

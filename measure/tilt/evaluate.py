@@ -28,6 +28,7 @@ from rigtwin.measure.tilt.onset import (
 
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 
+NOMINAL = 3e-4  # [m/px], in place of a scale that is not known, until gravity gives one
 GIVEN_UNCERTAINTY = 0.02  # relative standard uncertainty of a scale from a length in view, or of a tracked record
 
 WRONG_SCALE = 0.3  # relative misfit of the acceleration beyond which the scale is not used

@@ -16,11 +16,9 @@ from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
-from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, evaluate_run, onset_of, way_down
+from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, NOMINAL, evaluate_run, onset_of, way_down
 from rigtwin.measure.tilt.incline import Descent, at_rest, descent_of, evaluate_descent
 from rigtwin.measure.tilt.onset import LEAST_TURN, Onset, Variant
-
-NOMINAL = 3e-4  # [m/px], until gravity gives the scale
 
 LEVEL_UNKNOWN = (
     "the table does not say how well its angle is known against the horizontal: that is not part of the uncertainties."

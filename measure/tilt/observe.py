@@ -22,7 +22,7 @@ from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tilt.body_track import SATURATED, Arrival, RestingBody, Step, find_body, follow, glare
 from rigtwin.measure.tilt.checks import LEAST_REST
-from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY
+from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, NOMINAL
 from rigtwin.measure.tilt.incline import LEAST_FRAMES
 from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
 from rigtwin.measure.tilt.occluders import in_front
@@ -55,8 +55,6 @@ BEAD_UNCERTAINTY = 0.12  # relative standard uncertainty of a scale from the out
 MOST_WHITE = 0.25  # share of white pixels beyond which the picture is overexposed: more is no highlight
 
 NOT_STRAIGHT = 0.1  # largest scatter across a body's path over that along it: it does not fly
-
-NOMINAL = 3e-4  # [m/px], placeholder if no scale is known
 
 
 # ---------------------------------------------------------------------------------------------------- media -> record

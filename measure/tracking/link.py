@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.errors import Mark
 from rigtwin.measure.tracking.detect import Spot
 
 Where = Callable[[int], tuple[tuple[float, float], tuple[float, float]]]
 """Centre [px] and motion [px/frame] of a bead by frame index."""
+
+MOST_MARKED = 8  # paths drawn into the picture of a refusal
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,14 @@ def place_on(path: SpotPath) -> Where:
         return (x, y), (float(step[0]), float(step[1]))
 
     return where
+
+
+def path_marks(paths: Iterable[tuple[Sequence[int], Iterable[Array]]]) -> tuple[Mark, ...]:
+    """The first paths, of frames and places [px], as lines in the picture, with the frames that they last."""
+    return tuple(
+        Mark(f"{frames[0]}-{frames[-1]}", [(float(x), float(y)) for x, y in places])
+        for frames, places in islice(paths, MOST_MARKED)
+    )
 
 
 class Linker:

@@ -15,7 +15,6 @@ from rigtwin.sim.decks.scene import Drain, Insert, Lift, Look, Move, Open, Pour,
 from rigtwin.sim.run.filling import AT_REST, LOOK, Stillness
 
 COLUMNS = "id x y z vx vy vz"
-SKIN = 0.2  # [diameters], Verlet skin
 
 
 def positions(deck: Deck, types: int) -> str:

@@ -13,6 +13,7 @@ from rigtwin.lab.rigs import GRAVITY, Hopper, Packing
 from rigtwin.lab.rolling_conventions import rolling_friction
 from rigtwin.sim.decks import commands
 from rigtwin.sim.decks.deck import END, RECORD, Deck, rolling_stiffness
+from rigtwin.sim.run.filling import SKIN
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import PairLaw
@@ -167,7 +168,7 @@ def _input(deck: Deck) -> str:
         f"shell rm {RECORD}\nshell rm {END}\n"
         "units si\natom_style sphere\natom_modify map array\nboundary f f f\nnewton off\ncomm_modify vel yes\n"
         f"processors * * 1\n{commands.start(deck, 1)}"
-        f"neighbor {commands.SKIN * deck.particle.diameter:.10g} bin\nneigh_modify delay 0\n{_of_clumps(deck)}"
+        f"neighbor {SKIN * deck.particle.diameter:.10g} bin\nneigh_modify delay 0\n{_of_clumps(deck)}"
         f"pair_style granular\npair_coeff * * {_model(among)}\n"
         f"timestep {deck.time_step:.10g}\nfix weight all gravity {GRAVITY} vector 0 0 -1\n"
         + ("variable theta equal 0.0\n" if spins else "")

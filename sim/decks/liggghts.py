@@ -17,6 +17,7 @@ from rigtwin.sim.decks.card import DIFFERS, ROLLING, SOFT, Export, export
 from rigtwin.sim.decks.card import HARD as STIFFEST
 from rigtwin.sim.decks.deck import END, RECORD, Deck, triangles
 from rigtwin.sim.decks.scene import Lift, Move, Pour, mesh_name
+from rigtwin.sim.run.filling import SKIN
 
 NAME = "in.liggghts"
 COMMAND = f"liggghts -in {NAME}"
@@ -150,7 +151,7 @@ def _input(deck: Deck) -> str:
         f"shell rm {RECORD}\nshell rm {END}\n{confirmed}"
         "atom_style granular\natom_modify map array\nboundary f f f\nnewton off\ncommunicate single vel yes\n"
         f"units si\nprocessors * * 1\n{commands.start(deck, _count(types))}"
-        f"neighbor {commands.SKIN * deck.particle.diameter:.10g} bin\nneigh_modify delay 0\n"
+        f"neighbor {SKIN * deck.particle.diameter:.10g} bin\nneigh_modify delay 0\n"
         f"include contacts.in\nfix weight all gravity {GRAVITY} vector 0 0 -1\n"
         f"{meshes}{_walls(deck, list(scene.walls))}"
         f"fix move all nve/sphere\n{commands.observed(deck)}"

@@ -425,7 +425,7 @@ repetitions = ["clip.avi"]
         ("rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'\ncount=9999", ["line 10: experiment 1, count: the twin"]),
         ("rig='packing'\ncylinder_diameter='65 mm'\ntotal_mass='1 mg'", ["experiment 1, total_mass: the twin", "half"]),
         ("rig='drop'\ncamera.region=[500,0,9,9]", ["line 8: experiment 1, camera.region: ", "80 x 60 px"]),
-        ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", "clip.avi: start 9 s lies beyond"]),
+        ("rig='drop'\ncamera.start='9 s'", ["line 8: experiment 1, camera.start: ", 'start "9 s" lies beyond']),
         ("rig='drop'\ncamera.end='1 frame'", ["line 8: experiment 1, camera.end: ", "2 frames of 20"]),
         (
             "rig='drop'\ncamera.end='15 frames'\n[experiments.files.'clip.avi']\nregion=[500,0,9,9]",

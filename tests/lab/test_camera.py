@@ -98,7 +98,7 @@ def test_a_roll_that_no_camera_on_a_stand_has_is_refused_and_taken_for_a_missing
 
 
 def test_a_window_that_ends_before_it_starts_is_refused():
-    with pytest.raises(BadInput, match="not after start"):
+    with pytest.raises(BadInput, match="--end: 1 s is not after the start"):
         Camera(start=Moment(2, "s"), end=Moment(1, "s"))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from rigtwin.compare.campaign.next_experiment import SEEDS, candidates, separations
+from rigtwin.compare.campaign.next_experiment import REPETITIONS, SEEDS, candidates, separations
 from rigtwin.compare.campaign.search import results_of
 from rigtwin.compare.diagnose.bulk.bulk_lab import BulkCondition, BulkLab
 from rigtwin.compare.diagnose.bulk.naming import BulkCandidate
@@ -25,7 +25,6 @@ from rigtwin.lab.progress import Progress
 
 RIVALS = 3  # names that are compared at most
 OTHER_SIZE = 0.6  # size of other beads over the lab's
-REPETITIONS = 3
 SEED = 50_000  # added to the seed of the lab's twins
 
 

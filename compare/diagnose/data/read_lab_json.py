@@ -32,8 +32,7 @@ from rigtwin.lab.media_files import kind_of
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.lab.tracked.read import read_tracks
-
-LARGEST_BEAD = 0.5  # [m], largest accepted diameter; larger numbers are probably millimetres
+from rigtwin.lab.units import LARGEST_BEAD
 
 OPTIONAL = (
     "scale_m_per_px", "tracking_noise_px", "tracking_noise_m", "scale_uncertainty_rel", "frame_rate_uncertainty_rel",

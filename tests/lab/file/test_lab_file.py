@@ -255,7 +255,7 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
             "averaged",
             "is not used by a drop",
         ),
-        ('"60 frames"', '"6 frames"', "experiment 1, camera.end", "end =", "not after start"),
+        ('"60 frames"', '"6 frames"', "experiment 1, camera.end", "end =", "not after the start"),
         ('"12 frames"', '"-1 s"', "experiment 1, camera.start", "start =", "before the clip begins"),
         ("count = 1000", 'camera.circle = "1,2,3"', "experiment 3, camera.circle", "circle", "is not used by a pile"),
         ("count = 1000", 'camera.frame_rate = "30 Hz"', "experiment 3, camera.frame_rate", "camera.frame", "by a pile"),
@@ -486,7 +486,7 @@ def test_the_shapes_of_a_particle_in_the_new_lab_are_valid_in_place_of_its_diame
 
 CAMERA_SAID_TWICE = {
     'plumb_line = "412,20,405,700"\ncamera_roll = "1 deg"': "camera_roll is given too",
-    'scale = "0.2 mm/px"\nboard = "checkerboard 9x6 10mm board.png"': "leave scale and known_length out",
+    'scale = "0.2 mm/px"\nboard = "checkerboard 9x6 10mm board.png"': "a scale or a known length is given too",
     'board = "checkerboard 9x6 10mm missing.png"': "missing.png",
     'board = "chess 9x6 10mm board.png"': "is no board",
 }

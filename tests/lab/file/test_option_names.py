@@ -86,5 +86,5 @@ def test_a_line_that_stands_upright_is_refused_with_the_line_of_the_file(tmp_pat
         '[[experiments]]\nid = "heap"\nrig = "pile"\nvariant = "piling"\nparticle = "D6"\nwall = "steel"\n'
         'base_diameter = "90 mm"\nrepetitions = ["view1.jpg"]\n[experiments.camera]\nbase = "300,100,310,400"\n'
     )
-    with pytest.raises(BadLabFile, match=r"line 9.*: base names points at 300,100 and 310,400"):
+    with pytest.raises(BadLabFile, match=r"line 10.*camera\.base: names points at 300,100 and 310,400"):
         read_lab(tmp_path)

@@ -664,7 +664,7 @@ def test_a_floor_outside_of_the_photo_and_walls_above_each_other_are_refused(tmp
     draw(photo)
     with pytest.raises(BadInput, match="--floor names the row 5000, outside the picture of 560 x 620 px"):
         packing.measure([photo], Camera(floor=5000.0), cylinder_diameter=CYLINDER)
-    with pytest.raises(BadInput, match=r"--cylinder names points at .* more above than beside"):
+    with pytest.raises(BadInput, match=r"--cylinder: names points at .* more above than beside"):
         Camera(cylinder=((300.0, 100.0), (300.0, 500.0)))
 
 
