@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
@@ -25,6 +26,11 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.tracked.table import is_table
+
+CERTAINLY = 4.0
+"""Standard uncertainties beyond which a film shows another setting than the stated one."""
+BY_HAND = 0.05
+"""Relative difference of a stated setting that hand and ruler explain."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +89,7 @@ class Measured:
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
             *_replaced(self.experiment, self.measurements),
+            *_contradicted(self.experiment, self.measurements),
         )
 
     def observations(self, lab: Lab) -> list[dict[str, Any]]:
@@ -373,6 +380,23 @@ def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> It
             what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
             those = f"those of {number} repetitions are" if number > 1 else "that of a repetition is"
             yield f"{what} ({stated.method}) is stated in lab.toml; {those} not used"
+
+
+def _contradicted(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
+    """A warning for each setting of the rig that the media show to be another one."""
+    for item in measurements:
+        for one in over_views(item.quantities):
+            setting = getattr(experiment.rig, one.quantity, None)
+            if setting is None or one.doubtful or one.detail.get("body", "A") != "A":
+                continue
+            per, unit = (1.0, "°") if one.unit == "deg" else (1e3, " mm")
+            stated = math.degrees(setting) if one.unit == "deg" else setting
+            if abs(one.value - stated) > math.hypot(CERTAINLY * one.std_uncertainty, BY_HAND * stated):
+                seen, said = (f"{per * each:.4g}{unit}" for each in (one.value, stated))
+                yield (
+                    f"{item.source.name} shows {one.quantity} = {seen}, {said} is stated, which the twin uses: correct "
+                    f"{one.quantity}, or the scale and frame rate of the camera"
+                )
 
 
 def _with_source(item: Measurement, warning: str) -> str:
