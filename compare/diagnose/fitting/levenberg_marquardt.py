@@ -9,7 +9,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, linearise
 from rigtwin.compare.diagnose.models.unknown import Unknown
-from rigtwin.lab.arrays import Array
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.sim.effects import Effect
 
 FAR = 3.0  # objective per coordinate above which a model fits badly
@@ -89,7 +89,7 @@ def promised(unknowns: Sequence[Unknown], state: State, linear: Linear, step_loc
     return float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step_global))
 
 
-def _holding(linear: Linear, held: Array) -> Linear:
+def _holding(linear: Linear, held: Mask) -> Linear:
     """The equations without the local unknowns marked in `held` (R, L): their steps are zero."""
     a, b = np.where(held[:, :, None] | held[:, None], 0.0, linear.a), np.where(held[..., None], 0.0, linear.b)
     run, at = np.nonzero(held)
