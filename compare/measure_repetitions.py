@@ -22,6 +22,7 @@ from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.option_names import naming_lab_keys, reworded_measurement
 from rigtwin.lab.formatting import siblings, title
 from rigtwin.lab.input_files import unquoted
+from rigtwin.lab.materials import heavier_than_its_solid
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.rig_quantities import quantities_of
@@ -84,6 +85,7 @@ class Measured:
     def warnings(self) -> tuple[str, ...]:
         """What was rejected, failed, doubtful or replaced, and the warnings of each repetition with its file's name."""
         return (
+            *filter(None, (heavier_than_its_solid(self.experiment.particle),)),
             *rejections(self.experiment),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
