@@ -296,10 +296,10 @@ def _follow(
                 guesses = [each.lost(lasts, 1.5 * lost) for each in guesses]
         for at in centres.get(frame.index, ()):
             if step is not None:
-                beside[frame.index] = _shifted(arm.in_picture(body.at(step), direction), view.shake)
+                beside[frame.index] = view.pose.in_frame(arm.in_picture(body.at(step), direction))
             # the mean speed since the body was last seen; where it is not seen next, it is looked for as without
             others = guesses if step is not None else []
-            step = body.stated(in_arm(_shifted(at, view.shake, -1), arm.pivot, direction))
+            step = body.stated(in_arm(view.pose.in_background(at), arm.pivot, direction))
             guesses = [last.seen(step, since, STATED_REACH), *others]
         if step is not None:
             last, lost, since = guesses[0], 0, 0.0
@@ -342,10 +342,6 @@ def _located(
         if wide is None or step is None or wide.likeness > step.likeness + 0.01:
             step = wide if wide is not None else step
     return step
-
-
-def _shifted(at: Point, shake: Point, sign: int = 1) -> Point:
-    return at[0] + sign * shake[0], at[1] + sign * shake[1]
 
 
 def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:
