@@ -26,7 +26,16 @@ from rigtwin.measure.tilt.figures import picture_marks, write_pictures
 from rigtwin.measure.tilt.film_checks import arm_check, level_check, portrait_check, shape_check, view_checks
 from rigtwin.measure.tilt.incline import at_rest, descent_of, evaluate_descent, judged_of_incline
 from rigtwin.measure.tilt.measure_table import measure_table
-from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, body_seen, by_the_run, gauge_of, record, watch
+from rigtwin.measure.tilt.observe import (
+    PERSPECTIVE,
+    Film,
+    Gauge,
+    body_seen,
+    gauge_of,
+    observe_film,
+    record,
+    timed_by_the_run,
+)
 from rigtwin.measure.tilt.onset import (
     Onset,
     Run,
@@ -105,7 +114,7 @@ def measure(
     if is_table(clip):
         return measure_table(clip, camera, table, variant=variant, bead_diameter=bead_diameter, angle=angle, out=out)
     video = at_its_pace(open_video(clip, camera), progress)
-    film = watch(video, camera, progress)
+    film = observe_film(video, camera, progress)
     gauge = gauge_of(film, camera, bead_diameter, arm_length)
 
     def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
@@ -123,7 +132,7 @@ def measure(
         else:
             plate, track, way, run, onset = read(film, gauge)
     if resting is None:
-        by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
+        by_turn_alone, film = film, timed_by_the_run(film, way, run, onset, video)
         if np.any(film.missing != by_turn_alone.missing):
             plate, track, way, run, onset = read(film, gauge)
         if not math.isfinite(gauge.uncertainty):
