@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -595,8 +595,9 @@ def _box(flag: str) -> Callable[[str], Any]:
         if not dots or any(len(corner) != 3 for corner in corners):
             raise BadInput(f"{flag}: {text!r} is no box; write two corners like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
         for one in (*corners[0], *corners[1]):
-            if re.fullmatch(r"[-+\d.e]*[1-9][-+\d.e]*", one):  # in metres it would be a hall; the STL is in millimetres
-                raise BadInput(f"{flag}: {one} has no unit; write it like {one}mm.")
+            with suppress(ValueError):  # with a unit it is no bare number
+                if float(one) != 0:  # in metres it would be a hall; the STL is in millimetres
+                    raise BadInput(f"{flag}: {one} has no unit; write it like {one}mm.")
         return {"low": corners[0], "high": corners[1]}
 
     return read

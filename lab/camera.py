@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
-from rigtwin.lab.errors import BadCamera, BadQuantity
+from rigtwin.lab.errors import BadCamera, BadQuantity, Mark
 from rigtwin.lab.units import LONGEST, si
 
 _BOARD = re.compile(
@@ -156,15 +156,13 @@ class Camera:
         if start and end and start.unit == end.unit and start.value >= end.value:
             yield "end", f"{end.value:g} {end.unit} is not after the start ({start.value:g} {start.unit})."
 
-    def places(self) -> Iterator[tuple[str, Point]]:
-        """Yield every point that is stated.
+    def places(self) -> Iterator[Mark]:
+        """Yield every point, line and circle that is stated.
 
         Yields
         ------
-        option : str
-            The option that states it.
-        place : Point
-            Where it is [px].
+        Mark
+            The place, labelled with the option that states it, and its frame if it is one of a single frame.
         """
         length = self.known_length
         lines = {
@@ -174,16 +172,15 @@ class Camera:
             "--cylinder": self.cylinder,
             "--slot": self.slot,
         }
-        for option, ends in lines.items():
-            yield from ((option, end) for end in ends or ())
-        yield from (("--pivot", pivot) for pivot in self.pivots)
+        yield from (Mark(option, ends) for option, ends in lines.items() if ends is not None)
+        yield from (Mark("--pivot", [pivot]) for pivot in self.pivots)
         if self.bead_at is not None:
-            yield "--bead-at", self.bead_at.at
-        yield from (("--centre", centre.at) for centre in self.centre)
+            yield Mark("--bead-at", [self.bead_at.at], frames=[self.bead_at.frame])
+        yield from (Mark("--centre", [centre.at], frames=[centre.frame]) for centre in self.centre)
         if self.floor is not None:
-            yield "--floor", (0.0, self.floor)
+            yield Mark("--floor", [(0.0, self.floor)])
         if self.circle is not None:
-            yield "--circle", self.circle[:2]
+            yield Mark("--circle", [self.circle[:2]], self.circle[2])
 
     @property
     def stated(self) -> tuple[str, ...]:

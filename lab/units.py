@@ -12,7 +12,7 @@ import re
 from functools import cache
 from typing import TYPE_CHECKING
 
-from rigtwin.lab.errors import BadQuantity
+from rigtwin.lab.errors import BadInput, BadQuantity
 
 if TYPE_CHECKING:
     import pint
@@ -100,6 +100,24 @@ def si(text: str | float | int, dimension: str, *, name: str = "value") -> float
     if not math.isfinite(value):
         raise BadQuantity(f"{name}: {text!r} is not a finite number; write {_a(dimension)} like {example!r}.")
     return value
+
+
+def positive(**values: float | None) -> None:
+    """Refuse values that are not finite, positive numbers.
+
+    Parameters
+    ----------
+    **values : float or None
+        Values by name; None is not given.
+
+    Raises
+    ------
+    BadInput
+        If one is not; the message names the first.
+    """
+    for name, value in values.items():
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise BadInput(f"{name} must be a positive number, got {value:g}.")
 
 
 def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> float:

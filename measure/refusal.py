@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -196,17 +197,10 @@ def _stated(camera: Camera) -> Iterator[Mark]:
     boxes = [("--ignore", box) for box in camera.ignore] + ([("--region", camera.region)] if camera.region else [])
     for option, (x, y, width, height) in boxes:
         yield Mark(option, [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)])
-    lines = {"--plate": camera.plate, "--base": camera.base, "--cylinder": camera.cylinder, "--slot": camera.slot}
-    for option, ends in lines.items():
-        if ends is not None:
-            yield Mark(option, ends)
-    for pivot in camera.pivots:
-        yield Mark("--pivot", [pivot])
-    if camera.floor is not None:
-        yield Mark("--floor", [(0.0, camera.floor), (1e5, camera.floor)])
-    if camera.circle is not None:
-        yield Mark("--circle", [camera.circle[:2]], camera.circle[2])
-    if camera.bead_at is not None:
-        yield Mark(f"--bead-at, frame {camera.bead_at.frame}", [camera.bead_at.at])
-    for centre in camera.centre:
-        yield Mark(f"--centre, frame {centre.frame}", [centre.at])
+    for mark in camera.places():
+        if mark.frames:
+            yield replace(mark, label=f"{mark.label}, frame {mark.frames[0]}")
+        elif mark.label == "--floor":
+            yield replace(mark, points=[*mark.points, (1e5, mark.points[0][1])])
+        else:
+            yield mark

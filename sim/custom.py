@@ -23,7 +23,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, WallLoad
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.lab.stl import encloses
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.outline import surface, surface_over
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History

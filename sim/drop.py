@@ -16,7 +16,7 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.run.frame_times import frame_times
 from rigtwin.sim.run.trials import FRAMES_AT_REST, Release, each, film, released
 

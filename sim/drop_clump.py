@@ -20,7 +20,8 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
-from rigtwin.sim.engine.time_step import SINGLE, positive
+from rigtwin.lab.units import positive
+from rigtwin.sim.engine.time_step import SINGLE
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA
 
 SHORTEST = 6  # frames of a flight that can be evaluated; the record ends before shorter ones

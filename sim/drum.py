@@ -19,7 +19,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import Drum
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.mixing import CELL, Mixing, lacey, mixing
 from rigtwin.sim.output.outline import bed, outline
 from rigtwin.sim.run import filling

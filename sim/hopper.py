@@ -21,7 +21,7 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.rigs import GRAVITY, SLOT_LENGTH, SLOT_WIDTH, Hopper
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.outline import bed, outline
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History

@@ -15,7 +15,7 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import OUTLET_SHARE, Packing
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.outline import VIEWS, silhouette, surface
 from rigtwin.sim.run import filling
 from rigtwin.sim.run.run_log import History

@@ -17,8 +17,9 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
+from rigtwin.lab.units import positive
 from rigtwin.sim.engine.contact import Rolling
-from rigtwin.sim.engine.time_step import SINGLE, positive
+from rigtwin.sim.engine.time_step import SINGLE
 from rigtwin.sim.run.frame_times import MOST_FRAMES, frame_times
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
 

@@ -46,7 +46,7 @@ def likelihoods(name: str, seed: int, folder: Path) -> Array:
     case = replace(case, footage=fewer_frames(case.footage, 60.0))
     stage, _ = swung(case, rng)
     video = open_video(film(folder / "film.mp4", stage, case.footage, rng), Camera(frame_rate=case.footage.rate))
-    seen = pendulum.watch(video, Camera(frame_rate=case.footage.rate), None, silent)
+    seen = pendulum.observe_film(video, Camera(frame_rate=case.footage.rate), None, silent)
     fit = fit_swings(pendulum.picture_tracks(seen.beads, seen.times))
     total = np.zeros(len(SHARES))
     for bead, (track, used, ways) in enumerate(zip(fit.tracks, fit.used, ground_ways(fit), strict=True)):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import read_cast
@@ -12,6 +13,8 @@ from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
+
+T = TypeVar("T")
 
 
 def model_of(lab: Path | None, particle: str | None = None) -> Model:
@@ -52,12 +55,7 @@ def particle(name: str, model: Model) -> Particle:
     BadInput
         If there is none.
     """
-    if name in model.particles:
-        return model.particles[name]
-    if name in hlosta2020.NAMES:
-        return hlosta2020.particle(name)
-    known = (*model.particles, *hlosta2020.NAMES)
-    raise BadInput(f"--particle: there is no particle {name!r}; {suggestion(name, known)}.")
+    return _named("--particle", "particle", name, model.particles, hlosta2020.NAMES, hlosta2020.particle)
 
 
 def wall(name: str, model: Model) -> Material:
@@ -80,12 +78,18 @@ def wall(name: str, model: Model) -> Material:
     BadInput
         If there is none.
     """
-    if name in model.materials:
-        return model.materials[name]
-    if name in hlosta2020.MATERIALS:
-        return hlosta2020.material(name)
-    known = (*model.materials, *hlosta2020.MATERIALS)
-    raise BadInput(f"--wall: there is no material {name!r}; {suggestion(name, known)}.")
+    return _named("--wall", "material", name, model.materials, hlosta2020.MATERIALS, hlosta2020.material)
+
+
+def _named(
+    option: str, what: str, name: str, own: Mapping[str, T], published: Iterable[str], read: Callable[[str], T]
+) -> T:
+    """One of the model's `own`, else a `published` one, which `read` returns."""
+    if name in own:
+        return own[name]
+    if name in published:
+        return read(name)
+    raise BadInput(f"{option}: there is no {what} {name!r}; {suggestion(name, (*own, *published))}.")
 
 
 def contact(

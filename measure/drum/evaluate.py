@@ -13,6 +13,7 @@ from rigtwin.lab.drum_flow import froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, failed, root_sum_of_squares
 from rigtwin.lab.records import Profile, Series
+from rigtwin.lab.units import positive
 from rigtwin.measure.drum.time_average import SHORTEST, Avalanches, Mean, find_avalanches, mean_over_time, steady_part
 from rigtwin.measure.media.time_base import UNSTEADY
 
@@ -159,7 +160,7 @@ def evaluate(
     >>> round(found.quantities[0].value, 1)
     26.6
     """
-    must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
+    check_settings(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
     if len(profiles) != len(times):
         raise BadInput(f"drum: {len(profiles)} profiles but {len(times)} times; give one time for each profile.")
     times = np.asarray(times, dtype=np.float64)
@@ -196,7 +197,7 @@ def evaluate_slope(
     NothingToMeasure
         If no value is finite.
     """
-    must_be_positive(speed=speed)
+    check_settings(speed=speed)
     x = np.linspace(-1.0, 1.0, 9)  # in any unit: a straight surface has the slope everywhere
     tangents = np.tan(np.radians(slope.value) if slope.unit == "deg" else slope.value)
     surfaces = [Profile(x, tangent * x, np.full(len(x), np.nan)) for tangent in tangents]
@@ -214,7 +215,7 @@ def angles_over_time(profiles: Sequence[Profile], times: Array, *, drum_diameter
 
     Positive in the direction in which the surface mostly rises.  `evaluate` averages them over the steady part.
     """
-    must_be_positive(drum_diameter=drum_diameter)
+    positive(drum_diameter=drum_diameter)
     free = _without_wall(profiles, drum_diameter / 2)
     angles = _angles(free, rising_side(free), drum_diameter / 2)
     graphical, geometric = angles[GRAPHICAL, MIDDLE], angles[GEOMETRIC, CHORD]
@@ -533,7 +534,8 @@ def _spread(changes: Sequence[float]) -> float:
     return math.sqrt(sum(change * change for change in known) / len(known)) if known else 0.0
 
 
-def must_be_positive(**given: float | None) -> None:
-    for name, value in given.items():
-        if value is not None and not (math.isfinite(value) and (value > 0 or (name == "speed" and value != 0))):
-            raise BadInput(f"drum: {name.replace('_', ' ')} must be positive, got {value:g}.")
+def check_settings(
+    *, speed: float | None, drum_diameter: float | None = None, bead_diameter: float | None = None
+) -> None:
+    """Refuse settings that cannot be; a speed is negative where the drum turns the other way."""
+    positive(speed=None if speed is None else abs(speed), drum_diameter=drum_diameter, bead_diameter=bead_diameter)

@@ -26,10 +26,10 @@ from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests
 from rigtwin.measure.drum.evaluate import (
     USUAL_SHARE,
     Observation,
+    check_settings,
     evaluate,
     evaluate_observation,
     evaluate_slope,
-    must_be_positive,
     rising_side,
     share_of,
 )
@@ -106,7 +106,7 @@ def measure(
     bed.  Angles are magnitudes; the detail ``turning`` states the direction of rotation, by the side to which the
     surface rises.
     """
-    must_be_positive(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
+    check_settings(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
     share = share_of(bead_diameter, drum_diameter)
     if share is not None and share > 0.5 and drum_diameter is not None:
         raise BadInput(

@@ -11,6 +11,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Check, Detail, Evaluation, Quantity, doubted, root_sum_of_squares
 from rigtwin.lab.records import Series
+from rigtwin.lab.units import positive
 from rigtwin.measure.robust import mad_std
 
 STEADY = (0.2, 0.8)  # shares of what leaves between which the flow is steady
@@ -97,8 +98,7 @@ def evaluate(left: Series, *, total_mass: float | None = None, opened: float | N
     >>> found["discharge_time"], found["mass_flow_rate"]
     (2.0, 0.5)
     """
-    if total_mass is not None and not (math.isfinite(total_mass) and total_mass > 0):
-        raise BadInput(f"hopper: total mass must be positive, got {total_mass:g}.")
+    positive(total_mass=total_mass)
     start = None if opened is None else Instant(opened, {}, "given")
     return evaluate_discharge(left, total_mass, start, None, None, 0.0)
 

@@ -16,6 +16,7 @@ from rigtwin.lab.records import Series
 from rigtwin.lab.tracked.columns import found_columns
 from rigtwin.lab.tracked.read import TrackedSeries, read_series, read_table
 from rigtwin.lab.tracked.table import TableOptions, is_table
+from rigtwin.lab.units import positive
 from rigtwin.measure.bulk.bead_spacing import bead_spacing
 from rigtwin.measure.drawing import with_record_plot
 from rigtwin.measure.geometry.camera_roll import nothing_level, upright_checks
@@ -111,7 +112,7 @@ def measure(
     The slot opens when the trailing edge of the slide passes the near edge of the slot.  The last particle is out when
     its centre is one radius below the slot, which is when its upper edge passes the slot.
     """
-    _must_be_positive({"bead diameter": bead_diameter, "total mass": total_mass, "bin width": bin_width})
+    positive(bead_diameter=bead_diameter, total_mass=total_mass, bin_width=bin_width)
     if is_table(clip):
         return _measure_table(clip, camera, table, total_mass, out)
     video = at_its_pace(open_video(clip, camera), progress)
@@ -243,9 +244,3 @@ def _left(
     if unit == "kg" and total_mass is not None:
         full = max(full, total_mass)
     return read, Series(series.time, full - gone, "mass_left" if unit == "kg" else "left", unit)
-
-
-def _must_be_positive(sizes: dict[str, float | None]) -> None:
-    for name, value in sizes.items():
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise BadInput(f"hopper: {name} must be positive, got {value:g}.")

@@ -25,7 +25,7 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
                 f"{path}: --region shows {max(wide, 0):g} x {max(tall, 0):g} px of the picture, at least "
                 f"{SMALLEST_REGION} x {SMALLEST_REGION} px are needed; give a larger one."
             )
-    for option, (x, y) in camera.places():
+    for option, (x, y) in ((mark.label, point) for mark in camera.places() for point in mark.points):
         if not (-1 <= x <= width and -1 <= y <= height):
             place = f"the row {y:g}" if option == "--floor" else f"a point at {x:g},{y:g}"
             raise BadInput(f"{path}: {option} names {place}, {outside}")

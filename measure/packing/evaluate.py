@@ -19,6 +19,7 @@ from rigtwin.lab.quantity import (
     root_sum_of_squares,
 )
 from rigtwin.lab.records import Profile
+from rigtwin.lab.units import positive
 from rigtwin.measure.bulk.checks import MISFIT
 from rigtwin.measure.packing.bed_profile import OUTLINE_ABOVE, OUTLINE_SPREAD, Observation, mean_outline
 from rigtwin.measure.packing.checks import (
@@ -121,14 +122,7 @@ def evaluate_views(
     """`stated` are the relative standard uncertainties of mass and cylinder, where they are not exact."""
     if not seen:
         raise BadInput("measure packing: no profile given; give at least one outline of the bed.")
-    for name, value in (
-        ("cylinder_diameter", cylinder),
-        ("total_mass", mass),
-        ("bead_diameter", bead),
-        ("bead_density", solid),
-    ):
-        if value is not None and not (math.isfinite(value) and value > 0):
-            raise BadInput(f"measure packing: {name} must be positive, got {value:g}.")
+    positive(cylinder_diameter=cylinder, total_mass=mass, bead_diameter=bead, bead_density=solid)
     heights = [mean_outline(each.profile, cylinder) for each in seen]
     outline = float(np.mean([height for height, _ in heights]))
     rough = float(np.mean([rough for _, rough in heights]))

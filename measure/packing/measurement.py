@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from rigtwin.lab.quantity import (
 )
 from rigtwin.lab.tracked.read import read_profiles, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
+from rigtwin.lab.units import positive
 from rigtwin.measure.media.photo import all_show_different, read_photo
 from rigtwin.measure.packing.bed_profile import Observation
 from rigtwin.measure.packing.checks import BY_HAND
@@ -108,8 +108,7 @@ def measure(
     if not photos:
         raise BadInput("measure packing: no photo given; name one or more photos of the cylinder.")
     all_different(photos)
-    if cylinder_diameter is not None and not (math.isfinite(cylinder_diameter) and cylinder_diameter > 0):
-        raise BadInput(f"measure packing: cylinder_diameter must be positive, got {cylinder_diameter:g}.")
+    positive(cylinder_diameter=cylinder_diameter)
     cameras = camera_for_each(camera, photos)
     pictures = {photo: read_photo(photo, cameras[photo]) for photo in photos if not is_table(photo)}
     all_show_different({photo: picture for photo, (picture, _) in pictures.items()})

@@ -34,12 +34,12 @@ from rigtwin.measure.pendulum.observe import (
     Film,
     camera_axis,
     fit_clip,
+    observe_film,
+    observe_wall_film,
     roll_warning,
     scale_of,
     tracks_seen,
     upright,
-    watch,
-    watch_wall,
 )
 from rigtwin.measure.pendulum.swing_fit import SwingFit, onset
 from rigtwin.measure.pendulum.swing_model import turning_points
@@ -123,7 +123,7 @@ def measure(
             out=out,
         )
     video = without_repeats(open_video(clip, camera), progress)
-    film = (watch_wall if variant == "wall" else watch)(video, camera, length, progress)
+    film = (observe_wall_film if variant == "wall" else observe_film)(video, camera, length, progress)
     scale, scale_from = scale_of(film, camera, length, bead_diameter)
     roll = -float(film.fit.swings["tilt"]) if camera.roll is None else camera.roll
     tracks, axis, stated = upright(film, camera_axis(video), scale, roll)

@@ -46,7 +46,7 @@ class Film:
     warnings: tuple[str, ...] = ()  # on stated centres that disagree with the picture
 
 
-def watch(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
+def observe_film(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     """Both beads of a double pendulum in every frame, and their swings; `length` [m] is used in messages only."""
     by_hand = stated_centres(video, camera, beads=2)
     located = find_beads(video, camera.region, stated_length=length, progress=progress)
@@ -58,7 +58,7 @@ def watch(video: Video, camera: Camera, length: float | None, progress: Progress
     return Film(beads, times, fit, losses, _contradictions(located, beads, video))
 
 
-def watch_wall(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
+def observe_wall_film(video: Video, camera: Camera, length: float | None, progress: Progress) -> Film:
     by_hand = stated_centres(video, camera)
     chase = find_wall_bead(video, camera.region, stated_length=length, progress=progress)
     located = _one_bead(chase, video)

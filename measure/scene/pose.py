@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage
+from rigtwin.lab.camera import Point
 
 STEADY = 0.03  # [px], smaller shakes are not removed: interpolation would blur the picture more than it helps
 
@@ -51,6 +52,14 @@ class Pose:
         if self.gain != 1:
             np.multiply(part, np.float32(1 / self.gain), out=part)
         return part
+
+    def in_frame(self, place: Point) -> Point:
+        """Where a place of the background is in the frame [px]."""
+        return float(place[0] + self.shake[0]), float(place[1] + self.shake[1])
+
+    def in_background(self, place: Point) -> Point:
+        """Where a place of the frame is in the background [px]."""
+        return float(place[0] - self.shake[0]), float(place[1] - self.shake[1])
 
     def standing(self) -> Pose:
         """The same pose for a camera known to be static."""

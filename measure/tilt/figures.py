@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Point
 from rigtwin.lab.errors import Mark
 from rigtwin.lab.progress import Progress
@@ -40,7 +41,7 @@ def write_pictures(
     video: Video,
     film: Film,
     way: Way,
-    onset: Onset,
+    found: Onset | Descent,
     angle: Series,
     progress: Progress,
 ) -> dict[str, Path]:
@@ -54,18 +55,29 @@ def write_pictures(
         "record": out / f"{stem}-track.csv",
         "angle": out / f"{stem}-angle.csv",
     }
-    found = measurement.quantities[1]
-    word = f"onset at {found.value:.2f} ± {found.std_uncertainty:.2f}°"
-    still = _write_video(files["overlay"], video, film, (onset.time, word), angle, progress)
+    if isinstance(found, Descent):
+        event = found.start, f"{found.acceleration:.3f} ± {found.acceleration_sigma:.3f} m/s²"
+    else:
+        angle_there = measurement.quantities[1]
+        event = found.time, f"onset at {angle_there.value:.2f} ± {angle_there.std_uncertainty:.2f}°"
+    still = _write_video(files["overlay"], video, film, event, angle, progress)
     if still is not None:
         save_picture(files["still"], still)
-    write_plot(files["plot"], way, onset, measurement.quantities[1])
+    write_plot(files["plot"], way, found, measurement.quantities)
     write_tracks(files["record"], measurement.tracks)
     write_series(files["angle"], angle)
     return files
 
 
-def write_plot(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
+def write_plot(path: Path, way: Way, found: Onset | Descent, quantities: Sequence[Quantity]) -> None:
+    """Plot displacement down the plate with what was fitted to it and the residuals."""
+    if isinstance(found, Descent):
+        _plot_descent(path, way, found)
+    else:
+        _plot_onset(path, way, found, quantities[1])
+
+
+def _plot_onset(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
     """Plot displacement down the plate with the fitted run, its residuals, and the angle of the plate."""
     from matplotlib.figure import Figure
 
@@ -91,37 +103,7 @@ def write_plot(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
     save_plot(path, figure)
 
 
-def write_incline_pictures(
-    out: Path,
-    measurement: Measurement,
-    video: Video,
-    film: Film,
-    way: Way,
-    descent: Descent,
-    angle: Series,
-    progress: Progress,
-) -> dict[str, Path]:
-    """The same for a plate that stands still."""
-    out.mkdir(parents=True, exist_ok=True)
-    stem = measurement.source.stem
-    files = {
-        "overlay": out / f"{stem}-overlay.mp4",
-        "still": out / f"{stem}-still.png",
-        "plot": out / f"{stem}-plot.svg",
-        "record": out / f"{stem}-track.csv",
-        "angle": out / f"{stem}-angle.csv",
-    }
-    word = f"{descent.acceleration:.3f} ± {descent.acceleration_sigma:.3f} m/s²"
-    still = _write_video(files["overlay"], video, film, (descent.start, word), angle, progress)
-    if still is not None:
-        save_picture(files["still"], still)
-    write_incline_plot(files["plot"], way, descent)
-    write_tracks(files["record"], measurement.tracks)
-    write_series(files["angle"], angle)
-    return files
-
-
-def write_incline_plot(path: Path, way: Way, descent: Descent) -> None:
+def _plot_descent(path: Path, way: Way, descent: Descent) -> None:
     """Plot displacement down a plate at rest with the parabola of its run, and the residuals."""
     from matplotlib.figure import Figure
 
@@ -171,15 +153,14 @@ def picture_marks(film: Film) -> tuple[Mark, ...]:
     edge_frames: list[int] = []
     body_frames: list[int] = []
     for k, frame in enumerate(film.frames.tolist()):
-        shake, direction = np.array(film.poses[k].shake), film.directions[k]
-        if not math.isfinite(direction) or not film.arm.edges:
+        if not math.isfinite(film.directions[k]) or not film.arm.edges:
             continue
         top = min(film.arm.edges, key=lambda edge: edge.row)
         for column in (top.start, top.end):
-            edges.append(_place(film, direction, float(film.arm.along[column]), top.row, shake))
+            edges.append(_place(film, k, float(film.arm.along[column]), top.row))
             edge_frames.append(frame)
         if (step := film.steps[k]) is not None:
-            bodies.append(_place(film, direction, *film.body.at(step), shake))
+            bodies.append(_place(film, k, *film.body.at(step)))
             body_frames.append(frame)
     return (
         Mark("plate", edges, kind="plate", frames=edge_frames),
@@ -190,29 +171,23 @@ def picture_marks(film: Film) -> tuple[Mark, ...]:
 
 def _mark(picture: Image, film: Film, k: int) -> None:
     """Draw the arm, its pivot, the level edges and the body in one frame."""
-    shake = np.array(film.poses[k].shake)
+    pose = film.poses[k]
     for line in () if film.level is None else film.level.lines:
-        draw_line(picture, _moved(line.start, shake), _moved(line.end, shake), SKY)
-    direction = film.directions[k]
-    if not math.isfinite(direction):
+        draw_line(picture, pose.in_frame(line.start), pose.in_frame(line.end), SKY)
+    if not math.isfinite(film.directions[k]):
         return
     for edge in film.arm.edges:
-        ends = [
-            _place(film, direction, float(film.arm.along[column]), edge.row, shake) for column in (edge.start, edge.end)
-        ]
+        ends = [_place(film, k, float(film.arm.along[column]), edge.row) for column in (edge.start, edge.end)]
         draw_line(picture, ends[0], ends[1], GREEN)
-    draw_cross(picture, _moved(film.arm.pivot, shake), 6, YELLOW)
+    draw_cross(picture, pose.in_frame(film.arm.pivot), 6, YELLOW)
     step = film.steps[k]
     if step is not None:
         x, y = film.body.at(step)
         wide, high = film.body.size[0] / 2, film.body.size[1] / 2
         corners = [(x - wide, y - high), (x + wide, y - high), (x + wide, y + high), (x - wide, y + high)]
-        draw_path(picture, [_place(film, direction, *corner, shake) for corner in corners], ORANGE, closed=True)
+        draw_path(picture, [_place(film, k, *corner) for corner in corners], ORANGE, closed=True)
 
 
-def _place(film: Film, direction: float, along: float, across: float, shake: Array) -> tuple[float, float]:
-    return _moved(film.arm.in_picture((along, across), direction), shake)
-
-
-def _moved(point: tuple[float, float], shake: Array) -> tuple[float, float]:
-    return float(point[0] + shake[0]), float(point[1] + shake[1])
+def _place(film: Film, k: int, along: float, across: float) -> Point:
+    """Where a place of the arm [px] is in the k-th frame."""
+    return film.poses[k].in_frame(film.arm.in_picture((along, across), film.directions[k]))

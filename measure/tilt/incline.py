@@ -8,7 +8,7 @@ body would let go by itself is not seen.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -194,7 +194,7 @@ def evaluate_descent(
     return Evaluation(judged_of_incline(quantities, checks), checks, still)
 
 
-def judged_of_incline(quantities: tuple[Quantity, ...], checks: tuple[Check, ...]) -> tuple[Quantity, ...]:
+def judged_of_incline(quantities: Sequence[Quantity], checks: Sequence[Check]) -> tuple[Quantity, ...]:
     """The quantities, doubtful where a check that they rest on failed."""
     return tuple(
         doubted(one, failed(checks, RESTS_ON if one.quantity == "plate_angle" else FRICTION_RESTS_ON))

@@ -100,14 +100,11 @@ def measure_table(
     )
     files = {}
     if out is not None:
-        from rigtwin.measure.tilt.figures import write_incline_plot, write_plot
+        from rigtwin.measure.tilt.figures import write_plot
 
         out.mkdir(parents=True, exist_ok=True)
         files["plot"] = out / f"{path.stem}-plot.svg"
-        if isinstance(result, Descent):
-            write_incline_plot(files["plot"], way, result)
-        else:
-            write_plot(files["plot"], way, result, evaluation.quantities[1])
+        write_plot(files["plot"], way, result, evaluation.quantities)
     return Measurement(
         "tilt",
         path,

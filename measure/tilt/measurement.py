@@ -22,11 +22,20 @@ from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
-from rigtwin.measure.tilt.figures import picture_marks, write_incline_pictures, write_pictures
+from rigtwin.measure.tilt.figures import picture_marks, write_pictures
 from rigtwin.measure.tilt.film_checks import arm_check, level_check, portrait_check, shape_check, view_checks
 from rigtwin.measure.tilt.incline import at_rest, descent_of, evaluate_descent, judged_of_incline
 from rigtwin.measure.tilt.measure_table import measure_table
-from rigtwin.measure.tilt.observe import PERSPECTIVE, Film, Gauge, body_seen, by_the_run, gauge_of, record, watch
+from rigtwin.measure.tilt.observe import (
+    PERSPECTIVE,
+    Film,
+    Gauge,
+    body_seen,
+    gauge_of,
+    observe_film,
+    record,
+    timed_by_the_run,
+)
 from rigtwin.measure.tilt.onset import (
     Onset,
     Run,
@@ -105,7 +114,7 @@ def measure(
     if is_table(clip):
         return measure_table(clip, camera, table, variant=variant, bead_diameter=bead_diameter, angle=angle, out=out)
     video = at_its_pace(open_video(clip, camera), progress)
-    film = watch(video, camera, progress)
+    film = observe_film(video, camera, progress)
     gauge = gauge_of(film, camera, bead_diameter, arm_length)
 
     def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
@@ -117,38 +126,36 @@ def measure(
     with seeing(Seen(frame=video.first, marks=body_seen(film)), film.warnings):
         plate, track = record(film, gauge)
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
-        if at_rest(way):
-            return _of_plate_at_rest(video, film, gauge, plate, track, way, clip, camera, variant, out, progress)
-        plate, track, way, run, onset = read(film, gauge)
-    by_turn_alone, film = film, by_the_run(film, way, run, onset, video)
-    if np.any(film.missing != by_turn_alone.missing):
-        plate, track, way, run, onset = read(film, gauge)
-    if not math.isfinite(gauge.uncertainty):
-        # only now, as it depends on the square of all times
-        gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
-        plate, track, way, run, onset = read(film, gauge)
-    geometry = _geometry(film, gauge)
-    # an exposure lasts up to one frame interval, and the time stamp is that of its start
-    timing = {"exposure": 0.2 / video.frame_rate}
-    if corrected := int(np.sum(film.missing[film.times <= onset.time] > 0)):
-        # a jerk of the plate looks like a missing frame
-        timing["missing frames"] = 0.5 * math.sqrt(corrected) / video.frame_rate
-    evaluation = evaluate_run(way, run, onset, variant, bead_diameter, geometry, timing)
+        resting = descent_of(way, str(clip)) if at_rest(way) else None
+        if resting is not None:
+            evaluation = evaluate_descent(resting, variant, gauge.uncertainty, _geometry(film, gauge))
+        else:
+            plate, track, way, run, onset = read(film, gauge)
+    if resting is None:
+        by_turn_alone, film = film, timed_by_the_run(film, way, run, onset, video)
+        if np.any(film.missing != by_turn_alone.missing):
+            plate, track, way, run, onset = read(film, gauge)
+        if not math.isfinite(gauge.uncertainty):
+            # only now, as it depends on the square of all times
+            gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
+            plate, track, way, run, onset = read(film, gauge)
+        timing = _timing(film, video, onset)
+        evaluation = evaluate_run(way, run, onset, variant, bead_diameter, _geometry(film, gauge), timing)
     still = camera_by_scene(film.poses)
     of_film = (
         shape_check(film.body, variant),
-        *portrait_check(film, onset),
-        *view_checks(film, gauge, video, onset),
+        *(portrait_check(film, onset) if resting is None else ()),
+        *(view_checks(film, gauge, video, onset) if resting is None else (arm_check(film), level_check(film, gauge))),
         compression_check(video, OVER_COMPRESSED),
         *([still] if isinstance(still, Check) else []),
     )
     checks = (*evaluation.checks, *of_film)
-    quantities = judged_quantities([doubted(each, video.spoilt) for each in evaluation.quantities], of_film)
+    quantities = [doubted(each, video.spoilt) for each in evaluation.quantities]
     measurement = Measurement(
         rig="tilt",
         source=clip,
         source_sha256=sha256(clip),
-        quantities=quantities,
+        quantities=judged_quantities(quantities, of_film) if resting is None else judged_of_incline(quantities, checks),
         checks=checks,
         warnings=(*video.warnings, *film.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
         camera=_view(video, gauge, camera),
@@ -159,7 +166,18 @@ def measure(
     )
     if out is None:
         return measurement
-    return replace(measurement, files=write_pictures(out, measurement, video, film, way, onset, plate, progress))
+    found = onset if resting is None else resting
+    return replace(measurement, files=write_pictures(out, measurement, video, film, way, found, plate, progress))
+
+
+def _timing(film: Film, video: Video, onset: Onset) -> dict[str, float]:
+    """Standard uncertainties of the time of the onset in a film [s]."""
+    # an exposure lasts up to one frame interval, and the time stamp is that of its start
+    timing = {"exposure": 0.2 / video.frame_rate}
+    if corrected := int(np.sum(film.missing[film.times <= onset.time] > 0)):
+        # a jerk of the plate looks like a missing frame
+        timing["missing frames"] = 0.5 * math.sqrt(corrected) / video.frame_rate
+    return timing
 
 
 def _geometry(film: Film, gauge: Gauge) -> dict[str, float]:
@@ -181,48 +199,3 @@ def _view(video: Video, gauge: Gauge, camera: Camera) -> dict[str, Any]:
         "camera_roll_std_deg": math.degrees(gauge.level.sigma),
         "camera_roll_from": gauge.level.source,
     } | camera.stated_view
-
-
-def _of_plate_at_rest(
-    video: Video,
-    film: Film,
-    gauge: Gauge,
-    plate: Series,
-    track: Track,
-    way: Way,
-    clip: Path,
-    camera: Camera,
-    variant: Variant,
-    out: Path | None,
-    progress: Progress,
-) -> Measurement:
-    """Friction in motion, from a film of a plate that stands still."""
-    descent = descent_of(way, str(clip))
-    evaluation = evaluate_descent(descent, variant, gauge.uncertainty, _geometry(film, gauge))
-    still = camera_by_scene(film.poses)
-    checks = (
-        *evaluation.checks,
-        shape_check(film.body, variant),
-        arm_check(film),
-        level_check(film, gauge),
-        compression_check(video, OVER_COMPRESSED),
-        *([still] if isinstance(still, Check) else []),
-    )
-    quantities = tuple(doubted(each, video.spoilt) for each in evaluation.quantities)
-    measurement = Measurement(
-        rig="tilt",
-        source=clip,
-        source_sha256=sha256(clip),
-        quantities=judged_of_incline(quantities, checks),
-        checks=checks,
-        warnings=(*video.warnings, *film.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
-        camera=_view(video, gauge, camera),
-        tracks=(track,),
-        series=(plate,),
-        marks=video.marks_in_file(picture_marks(film)),
-        frame_times=tuple(video.file_times.tolist()),
-    )
-    if out is None:
-        return measurement
-    files = write_incline_pictures(out, measurement, video, film, way, descent, plate, progress)
-    return replace(measurement, files=files)

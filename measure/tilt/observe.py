@@ -102,7 +102,7 @@ class Gauge:
     level: Horizontal
 
 
-def watch(video: Video, camera: Camera, progress: Progress) -> Film:
+def observe_film(video: Video, camera: Camera, progress: Progress) -> Film:
     """Find arm and body and follow them through the clip.
 
     Raises `NothingToMeasure` if no straight arm turns, or no body rests on it first and leaves later.
@@ -110,12 +110,12 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
     centres = stated_centres(video, camera)
     learnt = learn_scene(video)
     scene = learnt.scene()
-    stack = np.stack(list(_laid_over(scene, learnt).values()))
+    stack = np.stack(list(_registered_samples(scene, learnt).values()))
     moved = np.percentile(stack, 90, axis=0) - np.percentile(stack, 10, axis=0)
     still = moved < 6 * float(np.median(moved)) + 6
     # in a scene with few edges the turning arm would bias the camera pose
     scene = replace(scene, moving=~still)
-    samples = _laid_over(scene, learnt)
+    samples = _registered_samples(scene, learnt)
     progress("looking for the arm", 0, 1)
     arm = find_arm(samples, camera.plate)
     if arm is None or not arm.edges:
@@ -129,7 +129,7 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
         )
     if arm is None or not arm.edges:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}no straight edge that turns by {math.degrees(LEAST_TURN):.1f} "
+            f"{video.path}: {_exposure_in_words(samples)}no straight edge that turns by {math.degrees(LEAST_TURN):.1f} "
             f"degrees or more was found in {len(samples)} pictures from frame {video.first} to {video.last}, and "
             "nothing that moves along an edge at rest; film the plate from the side with a still camera, or state its "
             "surface with --plate x1,y1,x2,y2.",
@@ -157,9 +157,9 @@ def watch(video: Video, camera: Camera, progress: Progress) -> Film:
         )
     if body is None:
         raise NothingToMeasure(
-            f"{video.path}: {_poorly_lit(samples)}{_turns(arm)}, but nothing was found on its upper side that leaves "
-            f"its place for good between two of {len(samples)} pictures; film on until the body has slid or rolled "
-            "down, with good contrast, or state where the body rests with --bead-at frame:x,y.",
+            f"{video.path}: {_exposure_in_words(samples)}{_turn_in_words(arm)}, but nothing was found on its upper "
+            f"side that leaves its place for good between two of {len(samples)} pictures; film on until the body has "
+            "slid or rolled down, with good contrast, or state where the body rests with --bead-at frame:x,y.",
             _arm_seen(arm, video.first),
         )
     if isinstance(body, Arrival):
@@ -196,7 +196,7 @@ def line_of_motion(paths: Sequence[SpotPath]) -> Line | None:
     return line  # type: ignore[return-value]
 
 
-def _turns(arm: Arm) -> str:
+def _turn_in_words(arm: Arm) -> str:
     directions = [math.degrees(direction + arm.tilt) for direction in arm.directions.values()]
     if max(directions) - min(directions) < math.degrees(LEAST_TURN):
         return f"an edge stands at {directions[0]:.1f} degrees in the picture"
@@ -223,7 +223,7 @@ def body_seen(film: Film) -> tuple[Mark, ...]:
     return (*_arm_seen(film.arm, int(film.frames[0])).marks, Mark("body", track))
 
 
-def _poorly_lit(samples: Mapping[int, FloatImage]) -> str:
+def _exposure_in_words(samples: Mapping[int, FloatImage]) -> str:
     """Begin of a message on poor exposure of the pictures; empty if there is none."""
     blank = sum(float(np.ptp(np.percentile(picture, (0.5, 99.5)))) < DIMMEST for picture in samples.values())
     if blank:
@@ -234,26 +234,26 @@ def _poorly_lit(samples: Mapping[int, FloatImage]) -> str:
     return f"{100 * white:.0f} % of the picture is white, overexposed; " if white > MOST_WHITE else ""
 
 
-def _laid_over(scene: Scene, learnt: Background) -> dict[int, FloatImage]:
+def _registered_samples(scene: Scene, learnt: Background) -> dict[int, FloatImage]:
     return {number: scene.view(frame).grey for number, frame in learnt.samples().items()}
 
 
 @dataclass(frozen=True)
-class _Guess:
+class _Expected:
     """Where the body may be in one frame, and how fast: what it is looked for by in the next one."""
 
     place: Array  # [px], along and across the arm, from its place at rest
     speed: float = 0.0  # [px/interval]
     slack: float = 0.0  # [px], how far from there it is looked for beyond what it may have moved
 
-    def seen(self, step: Step, lasts: float, slack: float = 0.0) -> _Guess:
+    def seen(self, step: Step, lasts: float, slack: float = 0.0) -> _Expected:
         """After `lasts` intervals, at the end of which it is seen there."""
         moved = (step.along - self.place[0]) / max(lasts, 0.5)
-        return _Guess(np.array([step.along, step.across]), moved if abs(moved) > 0.5 else 0.0, slack)
+        return _Expected(np.array([step.along, step.across]), moved if abs(moved) > 0.5 else 0.0, slack)
 
-    def lost(self, lasts: float, slack: float = 0.0) -> _Guess:
+    def lost(self, lasts: float, slack: float = 0.0) -> _Expected:
         """After `lasts` intervals without a sight of it."""
-        return _Guess(self.place + np.array([self.speed * lasts, 0.0]), self.speed, slack)
+        return _Expected(self.place + np.array([self.speed * lasts, 0.0]), self.speed, slack)
 
 
 def _follow(
@@ -271,9 +271,9 @@ def _follow(
     shake = (0.0, 0.0)
     known = sorted(arm.directions)
     sampled = np.array([arm.directions[n] for n in known])
-    last = _Guess(np.zeros(2))  # where the body was last seen
+    last = _Expected(np.zeros(2))  # where the body was last seen
     guesses, lost, since = [last], 0, 0.0  # the likeliest first; frames and intervals since the body was last seen
-    beside: dict[int, Point] = {}  # where the body is seen in frames in which its centre is stated
+    seen_instead: dict[int, Point] = {}  # where the body is seen in frames in which its centre is stated
     usual, before = float(np.median(np.diff(video.times))), math.nan
     for frame in video.frames():
         # number of frame intervals since the last frame: the body moves further if frames are missing
@@ -286,7 +286,7 @@ def _follow(
         direction = guess if turn is None else turn.direction
         step, since = None, since + lasts
         for one in guesses if lost < MOST_LOST else ():
-            step = _located(arm, body, view.grey, direction, one, lasts)
+            step = _find_near(arm, body, view.grey, direction, one, lasts)
             if step is not None:
                 guesses = [one.seen(step, lasts)]
                 break
@@ -296,11 +296,11 @@ def _follow(
                 guesses = [each.lost(lasts, 1.5 * lost) for each in guesses]
         for at in centres.get(frame.index, ()):
             if step is not None:
-                beside[frame.index] = _shifted(arm.in_picture(body.at(step), direction), view.shake)
+                seen_instead[frame.index] = view.pose.in_frame(arm.in_picture(body.at(step), direction))
             # the mean speed since the body was last seen; where it is not seen next, it is looked for as without
-            others = guesses if step is not None else []
-            step = body.stated(in_arm(_shifted(at, view.shake, -1), arm.pivot, direction))
-            guesses = [last.seen(step, since, STATED_REACH), *others]
+            unstated = guesses if step is not None else []
+            step = body.stated(in_arm(view.pose.in_background(at), arm.pivot, direction))
+            guesses = [last.seen(step, since, STATED_REACH), *unstated]
         if step is not None:
             last, lost, since = guesses[0], 0, 0.0
         numbers.append(frame.index)
@@ -325,12 +325,12 @@ def _follow(
         scene.picture,
         gaps.missing,
         gaps.shown,
-        warnings=tuple(contradictions(beside, min(body.size) / 2, centres, video.in_file)),
+        warnings=tuple(contradictions(seen_instead, min(body.size) / 2, centres, video.in_file)),
     )
 
 
-def _located(
-    arm: Arm, body: RestingBody, grey: FloatImage, direction: float, guess: _Guess, lasts: float
+def _find_near(
+    arm: Arm, body: RestingBody, grey: FloatImage, direction: float, guess: _Expected, lasts: float
 ) -> Step | None:
     """The body in a frame, `lasts` intervals after the one before."""
     expected = guess.lost(lasts).place.tolist()
@@ -344,11 +344,7 @@ def _located(
     return step
 
 
-def _shifted(at: Point, shake: Point, sign: int = 1) -> Point:
-    return at[0] + sign * shake[0], at[1] + sign * shake[1]
-
-
-def by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:
+def timed_by_the_run(film: Film, way: Way, run: Run, onset: Onset, video: Video) -> Film:
     """The film with missing frames from the run of the body where it shows them, else from the plate's turn."""
     first = int(np.searchsorted(way.time, onset.time))
     rest = float(np.median(way.down[max(first - LEAST_REST, 0) : first + 1]))
@@ -403,16 +399,14 @@ def record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
     """Angle of the plate [rad], and track of the body [m] relative to the axis."""
     sign = film.uphill
     angle = -sign * (film.directions + film.arm.tilt - gauge.level.roll)
-    seen = np.array([step is not None for step in film.steps]) & np.isfinite(angle)
+    found = np.array([step is not None for step in film.steps])
+    seen = found & np.isfinite(angle)
     kept = [step for step in film.steps if step is not None]
-    both = np.array([step is not None for step in film.steps])
-    along = np.full(len(both), np.nan)
-    across = np.full(len(both), np.nan)
-    sigma = np.full(len(both), np.nan)
-    along[both] = [film.body.centre[0] + step.along for step in kept]
-    across[both] = [film.body.centre[1] + step.across for step in kept]
-    sigma[both] = [step.sigma for step in kept]
-    sigma = np.hypot(sigma, _wander(along - film.body.centre[0]))
+    along, across, sigma = np.full((3, len(found)), np.nan)
+    along[found] = [film.body.centre[0] + step.along for step in kept]
+    across[found] = [film.body.centre[1] + step.across for step in kept]
+    sigma[found] = [step.sigma for step in kept]
+    sigma = np.hypot(sigma, _off_pixels_sigma(along - film.body.centre[0]))
     up, high = sign * along[seen] * gauge.scale, -across[seen] * gauge.scale
     cos, sin = np.cos(angle[seen]), np.sin(angle[seen])
     position = np.column_stack([up * cos - high * sin, up * sin + high * cos])
@@ -420,7 +414,7 @@ def record(film: Film, gauge: Gauge) -> tuple[Series, Track]:
     return series, Track(film.times[seen], position, sigma[seen] * gauge.scale, "body")
 
 
-def _wander(moved: Array) -> Array:
+def _off_pixels_sigma(moved: Array) -> Array:
     """Standard uncertainty [px] of the position of a body that has moved by `moved` [px] off its pixels at rest.
 
     The registration has an error of a fraction of a pixel, which is constant along one pixel: many frames of a slow

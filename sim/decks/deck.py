@@ -18,9 +18,10 @@ from rigtwin.lab.custom_rig import CustomRig, StlWall
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
+from rigtwin.lab.units import positive
 from rigtwin.lab.version import __version__
 from rigtwin.sim.decks.scene import BulkRig, Scene, mesh_name, scene_of
-from rigtwin.sim.engine.time_step import USUAL, positive, time_step
+from rigtwin.sim.engine.time_step import USUAL, time_step
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import PairLaw, Rolling

@@ -15,8 +15,8 @@ from rigtwin.lab.custom_rig import CustomRig, End, StlWall
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.rigs import GRAVITY, Drum, Hopper, Packing, Pile
+from rigtwin.lab.units import positive
 from rigtwin.sim import custom, drum, hopper, packing
-from rigtwin.sim.engine.time_step import positive
 from rigtwin.sim.engine.walls.shapes import Shape
 from rigtwin.sim.pile import pile
 from rigtwin.sim.pile.emptying import Emptying

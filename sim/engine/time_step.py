@@ -1,4 +1,4 @@
-"""Time step as a fraction of Rayleigh's, with its limits, and checks of input numbers."""
+"""Time step as a fraction of Rayleigh's, with its limits."""
 
 from __future__ import annotations
 
@@ -108,24 +108,6 @@ def _stable(restitution: float) -> float:
 
     psi = damping_ratio(restitution)
     return math.sqrt(1 + psi**2) - psi
-
-
-def positive(**values: float) -> None:
-    """Refuse values that are not finite, positive numbers.
-
-    Parameters
-    ----------
-    **values : float
-        Values by name.
-
-    Raises
-    ------
-    BadInput
-        If one is not; the message names the first.
-    """
-    for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            raise BadInput(f"{name} must be a positive number, got {value:g}.")
 
 
 def of_kind(one: object, kind: type) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Track
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 
 LIGHT = np.array([-0.4, 0.6, 0.7]) / math.sqrt(1.01)  # direction to the light: upper left, in front of the image plane
 AMBIENT = 0.35

@@ -19,7 +19,7 @@ from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import Pile
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.outline import POINTS_PER_DIAMETER, SIGMA, highest
 from rigtwin.sim.pile.piling import Course
 from rigtwin.sim.run import filling

@@ -18,7 +18,7 @@ from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Profile
 from rigtwin.lab.rigs import Pile
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.outline import VIEWS, silhouette
 from rigtwin.sim.pile.emptying import Emptying, emptying, section
 from rigtwin.sim.pile.piling import Course, piling

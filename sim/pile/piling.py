@@ -11,7 +11,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import GRAVITY, Pile
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.run import filling
 
 if TYPE_CHECKING:

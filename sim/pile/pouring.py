@@ -17,7 +17,7 @@ from rigtwin.lab.formatting import as_given
 from rigtwin.lab.materials import Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import LIFT_SPEED, Pile
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.outline import surface
 from rigtwin.sim.pile.piling import Course, bowl
 from rigtwin.sim.run import filling

@@ -15,7 +15,7 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING, Particle
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.bulk import Bulk

@@ -17,7 +17,7 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import SimulationFailed
 from rigtwin.lab.output_files import claimed_file
-from rigtwin.sim.engine.time_step import positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.output.trajectory import Trajectory, begin, write_walls
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import NO_EFFECTS, Effects
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Rig
-from rigtwin.sim.engine.time_step import USUAL, positive, time_step
+from rigtwin.lab.units import positive
+from rigtwin.sim.engine.time_step import USUAL, time_step
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.bulk.bulk import Bulk

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rigtwin
-from rigtwin.lab.camera import Camera, Seed
+from rigtwin.lab.camera import Camera, KnownLength, Seed
 from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
 from rigtwin.measure import refusal
 
@@ -109,9 +109,15 @@ def test_stated_places_are_drawn_in_the_picture_of_a_refusal(tmp_path):
 def test_every_stated_place_has_a_mark():
     ends = ((10.0, 20.0), (90.0, 20.0))
     places = {"plate": ends, "base": ends, "cylinder": ends, "slot": ends, "pivots": ends, "floor": 20.0}
-    camera = Camera(**places, circle=(50.0, 50.0, 40.0), bead_at=Seed(3, (10.0, 20.0)))
-    marked = {mark.label.partition(",")[0] for mark in refusal._stated(camera)}
-    assert marked == {option for option, _ in camera.places()}
+    camera = Camera(
+        **places, known_length=KnownLength(0.1, *ends), circle=(50.0, 50.0, 40.0), bead_at=Seed(3, (10.0, 20.0))
+    )
+    marked = {mark.label: mark for mark in refusal._stated(camera)}
+    assert {label.partition(",")[0] for label in marked} == {f"--{name}".removesuffix("s") for name in places} | {
+        "--circle", "--bead-at", "--known-length"
+    }  # fmt: skip
+    assert len(marked["--floor"].points) == 2
+    assert marked["--known-length"].points == ends
 
 
 def test_a_measurement_removes_the_picture_of_an_earlier_refusal(tmp_path):

@@ -23,6 +23,7 @@ from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.units import positive
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.bulk import arena as areas
 from rigtwin.sim.engine.bulk import checkpoint, rigid_bodies
@@ -34,7 +35,7 @@ from rigtwin.sim.engine.bulk.thread_team import Crew
 from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
 from rigtwin.sim.engine.device import Device
 from rigtwin.sim.engine.effect_terms import Active, Terms, adhesion_of, terms_of
-from rigtwin.sim.engine.time_step import UNSTABLE, positive
+from rigtwin.sim.engine.time_step import UNSTABLE
 from rigtwin.sim.engine.walls.elements import Vector
 from rigtwin.sim.engine.walls.mesh import Mesh
 from rigtwin.sim.engine.walls.shapes import Motion, Shape, Wall, gaps

@@ -230,7 +230,7 @@ def test_bad_records_are_refused_in_a_sentence() -> None:
         drum.evaluate([one, one], np.array([0.0]), drum_diameter=0.15)
     with pytest.raises(BadInput, match="do not increase"):
         drum.evaluate([one, one], np.array([1.0, 0.0]), drum_diameter=0.15)
-    with pytest.raises(BadInput, match="must be positive"):
+    with pytest.raises(BadInput, match="must be a positive number"):
         drum.evaluate([one], np.array([0.0]), drum_diameter=-0.15)
     empty = Profile(one.x, np.full(len(one.x), np.nan), one.sigma)
     with pytest.raises(NothingToMeasure, match="surface"):

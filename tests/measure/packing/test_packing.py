@@ -241,7 +241,7 @@ def test_a_bed_of_foam_is_believed_where_its_beads_are_stated_to_be_foam():
     [
         ([], CYLINDER, "no profile"),
         ([flat(0.001)], CYLINDER, r"1\.0 mm above the floor, and the mean surface 3\.\d mm below it"),
-        ([flat(0.07)], -1.0, "must be positive"),
+        ([flat(0.07)], -1.0, "must be a positive number"),
         ([Profile(np.array([0.0]), np.array([0.07]), np.array([0.0]))], CYLINDER, "has 1 points of known height"),
     ],
 )
