@@ -7,7 +7,7 @@ F_D = 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta, and C_D = 0.44
 Parameters:
 - `density` [kg/m^3], 300 to 3000, typically 1000: rho of the liquid
 - `log_viscosity` [dimensionless], -1 to 3.5, typically 0: log10 of eta in mPa s; 0 for water
-- `excess_drag` [dimensionless], -0.3 to 0.4, typically 0: share of F_D beyond the formula; measured spheres differ by 0.1
+- `excess_drag` [dimensionless], -0.3 to 0.4, typically 0: share of F_D beyond the formula, uncertain by 0.1
 
 Source: Batchelor 1967, section 6.8; Schiller & Naumann 1933; Clift, Grace & Weber 1978
 """
@@ -57,7 +57,7 @@ EFFECT = Effect(
             0.4,
             0.1,
             assumed=(0.0, 0.1),
-            meaning="share of F_D beyond the formula; measured spheres differ by 0.1",
+            meaning="share of F_D beyond the formula, uncertain by 0.1",
         ),
     ),
     equation="(m + m_l/2) a = (m_l - m) g - F_D, m_l = rho 4/3 pi R^3",
