@@ -15,12 +15,13 @@ from typing import Any
 from rigtwin.compare.deviation import MOMENTS, group, key_of, over_views
 from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.result_files import observation, relative
+from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.option_names import naming_lab_keys, reworded_measurement
-from rigtwin.lab.formatting import siblings, title
+from rigtwin.lab.formatting import reading, siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.materials import heavier_than_its_solid
 from rigtwin.lab.progress import Progress, silent
@@ -385,20 +386,20 @@ def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> It
 
 
 def _contradicted(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """A warning for each setting of the rig that the media show to be another one."""
+    """A warning for each repetition whose start, drop height or release angle, is not the stated one."""
+    stated = stated_start(experiment)
+    if stated is None:
+        return
     for item in measurements:
-        for one in over_views(item.quantities):
-            setting = getattr(experiment.rig, one.quantity, None)
-            if setting is None or one.doubtful or one.detail.get("body", "A") != "A":
-                continue
-            per, unit = (1.0, "°") if one.unit == "deg" else (1e3, " mm")
-            stated = math.degrees(setting) if one.unit == "deg" else setting
-            if abs(one.value - stated) > math.hypot(CERTAINLY * one.std_uncertainty, BY_HAND * stated):
-                seen, said = (f"{per * each:.4g}{unit}" for each in (one.value, stated))
-                yield (
-                    f"{item.source.name} shows {one.quantity} = {seen}, {said} is stated, which the twin uses: correct "
-                    f"{one.quantity}, or the scale and frame rate of the camera"
-                )
+        found = measured_start(experiment, item)
+        if found is None or found.doubtful:
+            continue
+        if abs(found.value - stated) > math.hypot(CERTAINLY * found.std_uncertainty, BY_HAND * stated):
+            shown, given = (reading(value, 0.0, found.unit) for value in (found.value, stated))
+            yield (
+                f"{item.source.name} shows {found.quantity} = {shown}, {given} is stated: correct {found.quantity}, or "
+                "look for another clip, a wrong scale or roll of the camera, or a missed early part of the motion"
+            )
 
 
 def _with_source(item: Measurement, warning: str) -> str:

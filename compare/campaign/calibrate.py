@@ -381,9 +381,9 @@ def _unused(
 def _without_result(experiment: Experiment, measured: Sequence[Quantity]) -> str:
     """What was measured in an experiment without a target, and what could be fitted."""
     known = [name for name in quantities_of(experiment.rig) if is_result(name, None)]
-    usable = f"fitted are {', '.join(known)} of a {experiment.rig_name} that are not doubtful"
+    usable = f"of a {experiment.rig_name}: {', '.join(known)}, the mean of both sides and not doubtful"
     found = ", ".join(dict.fromkeys(_of_side(one) for one in measured if one.quantity in quantities_of(experiment.rig)))
-    return f"nothing that can be fitted was measured in {experiment.id} ({usable}; there is {found or 'none'})"
+    return f"nothing that can be fitted was measured in {experiment.id} ({usable}; measured: {found or 'nothing else'})"
 
 
 def _of_side(one: Quantity) -> str:

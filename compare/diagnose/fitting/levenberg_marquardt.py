@@ -16,8 +16,8 @@ FAR = 3.0  # objective per coordinate above which a model fits badly
 HOPELESS = 100.0  # objective per coordinate above which a model does not fit at all
 NEGLIGIBLE = 1e-2  # gain that changes no decision
 LEFT, LEFT_HOPELESS = 1e-4, 5e-3
-"""Share of the misfit beyond the noise to which a bad model is fitted, and the same for one that does not fit at all:
-what is compared with it differs by far more."""
+"""Share of the objective beyond one per coordinate to which a model is fitted, and the same for one that does not fit.
+What is compared with a bad model differs from it by far more; independent labs keep their verdicts."""
 IDLE = 4  # successive steps without gain that end the descent; integration in steps makes the objective slightly rough
 DAMPED, FREE = 1e-4, 1e-9
 """Relative damping at the start for a bad model, and at the end.  The final value is small because the information that
@@ -58,7 +58,7 @@ def descend(
         small = _small(min(tried.objective, linear.objective), bench.rows.size)
         # where the objective is slightly rough a step that promises nothing may fail by more than it promised
         promise = promised(unknowns, state, linear, step_local, step_global)
-        idle = idle + 1 if abs(gain) < small or promise < small else 0
+        idle = idle + 1 if abs(gain) < small or (gain < 0 and promise < small) else 0
         if gain >= 0:
             state.local, state.values, linear = trial.local, trial.values, tried
             # with less damping a step that was just refused would be refused again
@@ -69,7 +69,7 @@ def descend(
                 damping = FREE
             refused = False
         else:
-            if idle >= IDLE or (gain > -1e-2 and damping <= DAMPED):
+            if idle >= IDLE or (gain > -NEGLIGIBLE and damping <= DAMPED):
                 return linear, True
             damping, refused = damping * (10 if damping >= DAMPED else 100), True
             if damping > (1e8 if linear.objective < HOPELESS * bench.rows.size else 1.0):

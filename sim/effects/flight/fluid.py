@@ -2,7 +2,7 @@
 
 Formula: (m + m_l/2) a = (m_l - m) g - F_D, m_l = rho 4/3 pi R^3
 
-F_D = 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta, and C_D = 0.44 beyond Re = 1000.
+F_D = (1 + excess_drag) 6 pi eta R v (1 + 0.15 Re^0.687) with Re = 2 R v rho / eta, and C_D = 0.44 beyond Re = 1000.
 
 Parameters:
 - `density` [kg/m^3], 300 to 3000, typically 1000: rho of the liquid

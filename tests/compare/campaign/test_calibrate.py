@@ -308,8 +308,8 @@ def test_what_was_measured_but_cannot_be_fitted_is_named(tmp_path, capsys):
     (tmp_path / "lab.toml").write_text(heap, encoding="utf-8")
     assert run(["calibrate", str(tmp_path)]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "fitted are angle_of_repose_graphical, angle_of_repose_geometric of a pile" in said
-    assert "there is pile_height, left angle_of_repose_graphical" in said
+    assert "of a pile: angle_of_repose_graphical, angle_of_repose_geometric, the mean of both sides" in said
+    assert "measured: pile_height, left angle_of_repose_graphical" in said
 
 
 def test_a_setting_of_another_variant_is_no_parameter(tmp_path, capsys):
