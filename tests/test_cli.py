@@ -383,7 +383,7 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
         (["measure", "drop", "x.mp4", "--camera-roll", "90"], "--camera-roll"),
         (["measure", "drop", "x.mp4", "--start", "-5s"], "--start"),
         (["measure", "drop", "x.mp4", "--region", "nan,0,10,10"], "--region"),
-        (["measure", "drop", "x.mp4", "--frame-rate", "1e300Hz"], "frame rate"),
+        (["measure", "drop", "x.mp4", "--frame-rate", "1e300Hz"], "--frame-rate: cannot be"),
         (["measure", "pile", "x.jpg", "./x.jpg"], "given twice"),
         (["measure", "drop", "x.mp4", "--bead-diameter", "6"], "is 6 m, no bead's diameter; write it with its unit"),
         (["measure", "drop", "x.mp4", "--bead-diameter", "1e-30mm"], "is 1e-33 m, no bead"),
