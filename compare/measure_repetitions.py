@@ -32,7 +32,7 @@ from rigtwin.lab.tracked.table import is_table
 CERTAINLY = 4.0
 """Standard uncertainties beyond which a film shows another setting than the stated one."""
 BY_HAND = 0.05
-"""Relative difference of a stated setting that hand and ruler explain."""
+"""Relative difference of a stated setting that hand and ruler explain; assumed."""
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,9 @@ class Seed:
     frame: int
     at: Point
 
+    def __str__(self) -> str:
+        return f"{self.frame}:{self.at[0]:g},{self.at[1]:g}"
+
 
 @dataclass(frozen=True)
 class Board:
@@ -203,7 +206,7 @@ class Camera:
         seeds += [("--centre", centre) for centre in self.centre]
         return (
             *(f"{option} {','.join(f'{number:g}' for number in values)}" for option, values in numbers),
-            *(f"{option} {seed.frame}:{seed.at[0]:g},{seed.at[1]:g}" for option, seed in seeds),
+            *(f"{option} {seed}" for option, seed in seeds),
         )
 
     @property

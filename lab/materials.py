@@ -10,9 +10,10 @@ from typing import Any
 from rigtwin.lab.clumps import Clump
 from rigtwin.lab.errors import BadInput, TwinLacks
 from rigtwin.lab.size_distributions import Sizes
+from rigtwin.lab.units import LARGEST_BEAD
 
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
-WIDEST, THINNEST = 0.5, 1e-6  # [m], of a particle: what a bench holds, what a camera resolves; else a unit is wrong
+THINNEST = 1e-6  # [m], of a particle: what a camera resolves; else a unit is wrong
 HAIR = 50e-6  # [m], below which a particle in a rig is odd: a thimble of 2 cm^3 holds 10^7
 HEAVIER = 0.1  # relative excess of a particle's density: 3 % of the diameter, and scatter of wood from bead to bead
 AIR_DENSITY = 1.2  # [kg/m^3], dry air of 20 degrees C at 1 atm (CRC Handbook: 1.204)
@@ -52,9 +53,9 @@ def no_bead_is(width: float) -> str:
     str
         A sentence; empty where the diameter is possible.
     """
-    if THINNEST <= width <= WIDEST:
+    if THINNEST <= width <= LARGEST_BEAD:
         return ""
-    limit = f"more than {WIDEST:g} m" if width > WIDEST else f"less than {1e6 * THINNEST:g} um"
+    limit = f"more than {LARGEST_BEAD:g} m" if width > LARGEST_BEAD else f"less than {1e6 * THINNEST:g} um"
     return f"the particle would be {width:.3g} m wide, {limit}; check its unit."
 
 

@@ -40,7 +40,7 @@ DIMENSIONS = {
 
 
 LONGEST = 10.0  # [m], no rig on a bench is larger: "300" was meant to be millimetres
-LARGEST_BEAD = 0.5  # [m], the same of the diameter of a bead
+LARGEST_BEAD = 0.5  # [m], the same of the diameter of a bead or particle
 
 AMBIGUOUS = {  # a bare number of these is nobody's habit
     "angular_speed": "radians a second or turns a minute",

@@ -287,8 +287,11 @@ def enclosed(rig: CustomRig, particle: Particle) -> list[str]:
     points = points[source.inside(points, particle.smallest_radius)]
     for name, wall in rig.walls.items():
         share = float(encloses(_corners_of(wall), points).mean()) if len(points) else 0.0
-        others = [_corners_of(other).reshape(-1, 3) for about, other in rig.walls.items() if about != name]
-        kept_apart = share == 1.0 and any(not encloses(_corners_of(wall), corners).any() for corners in others)
+        kept_apart = share == 1.0 and any(
+            not encloses(_corners_of(wall), _corners_of(other).reshape(-1, 3)).any()
+            for about, other in rig.walls.items()
+            if about != name
+        )
         if 0.0 < share < 1.0 or kept_apart:
             part = "all" if kept_apart else f"{100 * share:.0f} %" if share >= 0.01 else "less than 1 %"
             ending = "which other walls lie outside of" if kept_apart else "particles are placed there, too"

@@ -100,8 +100,9 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     if disc is not None:
         view = span = _view_of_disc(disc)
         stated = None if beads_across is None else view.radius / beads_across
-        circles, usual = _beads(_around(grey, disc), stated), view.radius / USUAL_BEADS
-        if stated is not None and (others := _of_another_size(image, _around(grey, disc), grains, circles, stated)):
+        around, usual = _around(grey, disc), view.radius / USUAL_BEADS
+        circles = _beads(around, stated)
+        if stated is not None and (others := _of_another_size(image, around, grains, circles, stated)):
             circles, stated = others, others[0].radius
     else:
         stated, circles = None, _beads(grey)

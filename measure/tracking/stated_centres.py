@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.camera import STATED_SIGMA, Camera, Point
+from rigtwin.lab.camera import STATED_SIGMA, Camera, Point, Seed
 from rigtwin.lab.errors import BadInput
 from rigtwin.measure.media.video import Video
 from rigtwin.measure.tracking.bead_image import BeadImage
@@ -59,7 +59,7 @@ def stated_centres(video: Video, camera: Camera, beads: int = 1) -> dict[int, tu
 
 def said(frame: int, at: Point) -> str:
     """A stated centre as the option that states it; `frame` is its number in the file."""
-    return f"--centre {frame}:{at[0]:g},{at[1]:g}"
+    return f"--centre {Seed(frame, at)}"
 
 
 def moved_to(image: BeadImage, at: Point, shake: Array) -> BeadImage:

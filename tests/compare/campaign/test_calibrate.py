@@ -293,19 +293,23 @@ def test_a_stated_bulk_density_is_fitted_unless_the_bed_height_is_there(tmp_path
     assert fitted == {"density": {"bulk_density"}, "both": {"bed_height"}}
 
 
+HEAP = """
+[[experiments]]
+id = "heap"
+rig = "pile"
+variant = "piling"
+particle = "D6"
+wall = "steel"
+base_diameter = "90 mm"
+"""
+
+
 def test_what_was_measured_but_cannot_be_fitted_is_named(tmp_path, capsys):
-    heap = """
-        [[experiments]]
-        id = "heap"
-        rig = "pile"
-        variant = "piling"
-        particle = "D6"
-        wall = "steel"
-        base_diameter = "90 mm"
+    measured = """
         measured.pile_height = "25 +- 1 mm (n = 5)"
         measured.angle_of_repose_graphical = {value = "30 +- 1 deg (n = 5)", side = "left"}
     """
-    (tmp_path / "lab.toml").write_text(heap, encoding="utf-8")
+    (tmp_path / "lab.toml").write_text(HEAP + measured, encoding="utf-8")
     assert run(["calibrate", str(tmp_path)]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "of a pile: angle_of_repose_graphical, angle_of_repose_geometric, the mean of both sides" in said
@@ -313,17 +317,8 @@ def test_what_was_measured_but_cannot_be_fitted_is_named(tmp_path, capsys):
 
 
 def test_a_setting_of_another_variant_is_no_parameter(tmp_path, capsys):
-    heap = """
-        [[experiments]]
-        id = "heap"
-        rig = "pile"
-        variant = "piling"
-        particle = "D6"
-        wall = "steel"
-        base_diameter = "90 mm"
-        measured.angle_of_repose_graphical = "30 +- 1 deg (n = 5)"
-    """
-    (tmp_path / "lab.toml").write_text(heap, encoding="utf-8")
+    measured = 'measured.angle_of_repose_graphical = "30 +- 1 deg (n = 5)"'
+    (tmp_path / "lab.toml").write_text(HEAP + measured, encoding="utf-8")
     assert run(["calibrate", str(tmp_path), "--fit", "lift_speed=10mm/s..30mm/s"]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "no experiment that is fitted depends on 'lift_speed'" in said
