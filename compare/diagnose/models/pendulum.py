@@ -132,7 +132,7 @@ class PendulumBench:
             reach = reach + values["thread_creep.rate"][:, None] * np.maximum(since, 0.0)
         if "thread_stretch.compliance" in values:
             more = self.mass[self.owner] * (self.lab.gravity * (np.cos(angle) - 1.0) + reach * rate**2)
-            reach = reach + values["thread_stretch.compliance"][:, None] * more
+            reach = reach * (1 + values["thread_stretch.compliance"][:, None] * more)
         return np.asarray(reach)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
@@ -170,7 +170,7 @@ def pushing(
     ]
 
     pull = weight / inertia
-    stretch = values.get("thread_stretch.compliance", np.zeros(len(length)))[:, None] * mass
+    stretch = values.get("thread_stretch.compliance", np.zeros(len(length)))[:, None] * mass * length
     creep = values.get("thread_creep.rate", np.zeros(len(length)))[:, None]
 
     def fall(angle: Array, _rate: Array) -> Array:

@@ -17,6 +17,7 @@ JITTER = 24.0  # deviance that jitter must gain in addition
 OVERTAKEN = 0.5  # jitter in frame intervals; above this one frame in thirteen is taken before its predecessor
 READ_OUT = 10.0  # longest read-out in frames; a camera needs at most one, the rest allows for a wrong stated rate
 WHITE = 0.6  # smallest whiteness of the residuals (1 for white noise) that is compatible with jitter
+SMALL = 10.0  # standard deviations from zero that show an effect of a size that occurs in every lab
 BEYOND = 0.1  # share of its range by which the uncertainty of a coefficient may excuse a value above the range
 
 
@@ -109,7 +110,7 @@ def _beyond(fitted: Fit, term: Effect) -> str:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
         if parameter.assumed is not None:  # it does not measure the strength
             continue
-        if abs(value) < parameter.least:
+        if abs(value) < parameter.least and abs(value) < SMALL * std:
             return f"{parameter.name} = {value:.3g} {parameter.unit} is no larger than in any lab"
         if abs(value) < 3.0 * std:
             return f"{parameter.name} = {value:.3g} is within three standard deviations ({std:.2g} each) of zero"

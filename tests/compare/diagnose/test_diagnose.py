@@ -480,6 +480,21 @@ def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
     assert {one["effect"] for one in document["effects"]} == {"air_drag", "frame_rate_error"}
 
 
+@pytest.mark.parametrize(
+    ("effect", "law", "number", "listed"),
+    [
+        # two lengths of one thread: the longer one stretches more
+        ("thread_stretch", "elastic", 21, ("thread_stretch", "rod_mass", "length_error")),
+        # small, as in many labs, but clear
+        ("perspective", "pinhole", 30, ("perspective", "rod_mass", "scale_error")),
+    ],
+)
+def test_what_another_code_hides_in_a_pendulum_is_named(effect, law, number, listed, tmp_path):
+    write(Case("single", "pendulum", (effect,), (law,), "moderate"), "lab", (107, number), tmp_path)
+    found = diagnose(read_tracked_lab(tmp_path / "labs" / "lab"), listed=[named(name) for name in listed])
+    assert (found.verdict, found.chosen.names) == ("named", (effect,))
+
+
 @pytest.mark.slow
 def test_a_shaken_plate_is_not_taken_for_an_error_of_the_picture(tmp_path):
     """All slides pass the same places at about the same times: a lens would close a third of the gap."""
