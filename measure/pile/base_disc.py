@@ -50,17 +50,18 @@ SHADOW = 0.3  # of the largest darkening above the face: shadows on the face its
 EDGE_ROWS = 8  # [half pixels], width of an edge blurred by the lens
 
 
-# class that a region of the template should have (None: neither grains nor base), and its weight
+GRAINS, BASE, NEITHER = range(3)  # columns of the classes of `_Cost`
+# classes that a region of the template may have, and its weight
 REGIONS = {
-    "core": (Grain.GRAINS, 2.0),
-    "foot": (Grain.GRAINS, 0.5),
-    "sky": (None, 2.0),
-    "beside heap": (None, 1.0),
-    "face": (Grain.BASE, 2.0),
-    "left end of face": (Grain.BASE, 0.7),
-    "right end of face": (Grain.BASE, 0.7),
-    "beside face": (None, 1.5),
-    "below face": (None, 1.0),
+    "core": ((GRAINS,), 1.0),
+    "sky": ((NEITHER,), 2.0),
+    "beside heap": ((NEITHER,), 1.0),
+    "top": ((GRAINS, BASE), 1.0),
+    "face": ((BASE,), 2.0),
+    "left end of face": ((BASE,), 0.7),
+    "right end of face": ((BASE,), 0.7),
+    "beside face": ((NEITHER,), 1.5),
+    "below face": ((NEITHER,), 1.0),
 }
 
 
@@ -358,9 +359,9 @@ def _sample_points(count: int) -> dict[str, _SamplePoints]:
     core, sky = spread((0.0, 0.8), (0.02, 0.22)), spread((0.0, 1.5), (0.02, 0.9))
     return {
         "core": first(core, core[1] < 0.02 + FLATTEST * (0.85 - np.abs(core[0]))),
-        "foot": first(spread((0.6, 0.88), (0.01, 0.06))),
+        "top": first(spread((0.8, 0.985), (0.1, 0.9))),
         "sky": first(sky, sky[1] > STEEPEST * (1.15 - np.abs(sky[0]))),
-        "beside heap": first(spread((1.06, 1.3), (0.0, 0.12))),
+        "beside heap": first(spread((1.03, 1.25), (0.0, 0.12))),
         "beside face": first(spread((1.03, 1.2), (0.0, 1.0))),
         "face": first(spread((0.0, 0.92), (0.1, 0.9))),
         "left end of face": first(one_side(-0.985, -0.88)),
@@ -415,6 +416,8 @@ class _Cost:
             low = template.low * arc
             if name == "below face":
                 down = low + points.above
+            elif name == "top":
+                down = bulge * arc * (1 - 2 * points.above) - template.thickness
             elif "face" in name:
                 down = rim + points.above * (low - rim)
             else:
@@ -424,12 +427,11 @@ class _Cost:
             y.append(place[1])
         map_x, map_y = (np.asarray(self.zoom * np.concatenate(part, axis=1), dtype=np.float32) for part in (x, y))
         seen = cv2.remap(self.classes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        layer = {Grain.GRAINS: 0, Grain.BASE: 1, None: 2}
         fit, start = np.zeros(len(map_x)), 0
         for name, points in self.points.items():
-            kind, weight = REGIONS[name]
+            kinds, weight = REGIONS[name]
             end = start + len(points.along)
-            fit += weight * seen[:, start:end, layer[kind]].mean(axis=1)
+            fit += weight * seen[:, start:end][..., kinds].sum(axis=2).mean(axis=1)
             start = end
         return fit
 
