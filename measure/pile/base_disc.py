@@ -320,9 +320,9 @@ def _sample_points(count: int) -> dict[str, _SamplePoints]:
         along, above = (part if kept is None else part[kept] for part in points)
         return _SamplePoints(along[:count].astype(np.float32), above[:count].astype(np.float32))
 
-    core, sky = spread((0.0, 0.8), (0.05, 0.25)), spread((0.0, 1.5), (0.02, 0.9))
+    core, sky = spread((0.0, 0.6), (0.0, 0.2)), spread((0.0, 1.5), (0.02, 0.9))
     return {
-        "core": first(core, core[1] < 0.05 + FLATTEST * (0.85 - np.abs(core[0]))),
+        "core": first(core, core[1] < FLATTEST * (0.7 - np.abs(core[0]))),
         "top": first(spread((0.8, 0.985), (0.1, 0.9))),
         "sky": first(sky, sky[1] > STEEPEST * (1.15 - np.abs(sky[0]))),
         "beside heap": first(spread((1.03, 1.25), (0.0, 0.12))),
@@ -380,6 +380,8 @@ class _Cost:
             low = template.low * arc
             if name == "below face":
                 down = low + points.above
+            elif name == "core":
+                down = -template.thickness - points.above
             elif name == "top":
                 down = bulge * arc * (1 - 2 * points.above) - template.thickness
             elif "face" in name:
