@@ -277,7 +277,6 @@ OF_PILES = (
     _disc("rim of the base on edges", neutral=during({"pile.base_disc.LEAST_SUPPORT": 0.0})),
     _disc("walls of the base on edges", neutral=during({"pile.base_disc.LEAST_WALL": -math.inf})),
     _disc("regions fit the base", neutral=during({"pile.base_disc.LEAST_FIT": 0.0})),
-    _disc("sharpened base on edges", neutral=during({"pile.base_disc.WORSE": math.inf})),
     _pile("flank against a wall", "repose_angles.free_flanks", _both_flanks),
     _pile("wall falls within a grain", "repose_angles._at_a_wall", always(True)),
     _profile_flaw("flaws of a profile", neutral=always("")),

@@ -9,6 +9,7 @@ classes that a network gives (`rigtwin.measure.bulk.grain_classes`).
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,12 +30,13 @@ LEAST_SUPPORT = 0.5  # least share of lower rim and walls on edges, else another
 LEAST_FIT = (
     0.8  # least mean probability that the regions of the template are what they should be; bases seen: 0.86 to 0.97
 )
-WORSE = 0.05  # loss of support beyond which sub-pixel edges were those of something else
 LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
 CANDIDATES, GENERATIONS = 120, (35, 35)  # of the search in the blurred and in the finer picture
 MARGIN = 0.1  # [widths], by which the base's ends may lie elsewhere than the classes say
 LEAST_BASE = 0.02  # pixels of the base per pixel of grains, else none is seen
 SAMPLES = (20, 40)  # points along a rim, at first and for the final search
+RIDGE_BLUR = 1.2  # [px], of the picture in which edges are searched; 1.6 moves the base lines of noisy photos
+SPREADS = (2.5, 1.2)  # [px], of edges, likewise
 POINTS = (32, 96)  # points in a region, likewise
 WORKED = 500  # [px], width of the picture of the classes
 LEADERS = 12  # best candidates around which mutants are made
@@ -50,17 +52,18 @@ SHADOW = 0.3  # of the largest darkening above the face: shadows on the face its
 EDGE_ROWS = 8  # [half pixels], width of an edge blurred by the lens
 
 
-# class that a region of the template should have (None: neither grains nor base), and its weight
+GRAINS, BASE, NEITHER = range(3)  # columns of the classes of `_Cost`
+# classes that a region of the template may have, and its weight
 REGIONS = {
-    "core": (Grain.GRAINS, 2.0),
-    "foot": (Grain.GRAINS, 0.5),
-    "sky": (None, 2.0),
-    "beside heap": (None, 1.0),
-    "face": (Grain.BASE, 2.0),
-    "left end of face": (Grain.BASE, 0.7),
-    "right end of face": (Grain.BASE, 0.7),
-    "beside face": (None, 1.5),
-    "below face": (None, 1.0),
+    "core": ((GRAINS,), 1.0),
+    "sky": ((NEITHER,), 2.0),
+    "beside heap": ((NEITHER,), 1.0),
+    "top": ((GRAINS, BASE), 1.0),
+    "face": ((BASE,), 2.0),
+    "left end of face": ((BASE,), 0.7),
+    "right end of face": ((BASE,), 0.7),
+    "beside face": ((NEITHER,), 1.5),
+    "below face": ((NEITHER,), 1.0),
 }
 
 
@@ -94,6 +97,29 @@ class _Template:
         return np.asarray(np.maximum(self.low - self.thickness * near / (1 - near * near), 0))
 
 
+def _ridges(grey: GreyImage) -> npt.NDArray[np.float32]:
+    """Edges of a picture one pixel wide: unit vectors across them times their clearness, shape (height, width, 2).
+
+    The gradient across a strong edge, which a lens has blurred, is high over many pixels; its ridge lies on the edge.
+    """
+    seen = edges(grey, blur=RIDGE_BLUR)
+    rows, columns = np.indices(seen.strength.shape, dtype=np.float32)
+    across = seen.both / np.maximum(seen.strength, 1e-9)[..., None]
+    ridge = seen.strength > seen.noise
+    for side in (-1, 1):
+        x, y = columns + side * across[..., 0], rows + side * across[..., 1]
+        ridge &= seen.strength >= cv2.remap(seen.strength, x, y, cv2.INTER_LINEAR)
+    clearness = np.where(ridge, np.minimum(seen.strength / seen.strong, 1), 0)
+    return np.asarray(across * clearness[..., None], dtype=np.float32)
+
+
+def _lines(ridges: npt.NDArray[np.float32], spread: float) -> Edges:
+    """Ridges that fall off to both sides as a Gaussian of sigma `spread` [px], from 1 on clear straight edges."""
+    # the filter leaves 1 / (sqrt(2 pi) sigma) of a straight line
+    x, y = cv2.split(math.sqrt(2 * math.pi) * spread * cv2.GaussianBlur(ridges, (0, 0), spread))
+    return Edges(x, y, cv2.magnitude(x, y), noise=0.0, strong=1.0)
+
+
 def nearness(half: Numbers, focal_length: float) -> Array:
     """Disc radius over camera distance, from half its width and the focal length, both in px."""
     return np.asarray(np.minimum(half / focal_length, 0.5))
@@ -109,21 +135,20 @@ def find_disc(classes: FloatImage, grey: GreyImage, *, focal_length: float, roll
     bounds = _bounds(classes, roll)
     if bounds is None:
         return None
+    ridges = _ridges(grey)
     costs = [
-        _Cost.of(classes, edges(grey, blur=blur), _sample_points(points), focal_length, samples)
-        for blur, points, samples in zip((2.5, 1.5), POINTS, SAMPLES, strict=True)
+        _Cost.of(classes, _lines(ridges, spread), _sample_points(points), focal_length, samples)
+        for spread, points, samples in zip(SPREADS, POINTS, SAMPLES, strict=True)
     ]
     place = _search(costs, bounds)
-    best, fit = _candidate(place), costs[-1].fit(place)
-    fine = edges(grey, blur=1.2)
-    candidates = np.array([_sharpened(grey, fine, best, focal_length), best])
-    lower, left, right, *_ = _support(fine, _Template(*candidates.T[..., None]), focal_length, 160)
-    supports, walls = (2 * lower + left + right) / 4, (left + right) / 2
-    at = int(supports[1] > supports[0] + WORSE)  # sub-pixel edges that were others' leave the template worse supported
-    candidate, support = candidates[at], float(supports[at])
-    if support < LEAST_SUPPORT or walls[at] < LEAST_WALL or fit < LEAST_FIT:
-        return None
+    candidate, fit = _candidate(place), costs[-1].fit(place)
+    # beads in front of the rim hide it, so that the face ends below it; above it, the top may look like the face
+    candidate[5] *= min(_face_share(grey, _Template(*candidate[:, None, None]), focal_length), 1.0)
     template = _Template(*candidate[:, None, None])
+    lower, left, right, *_ = _support(costs[-1].picture, template, focal_length, 160)[:, 0]
+    support, wall = (2 * lower + left + right) / 4, (left + right) / 2
+    if support < LEAST_SUPPORT or wall < LEAST_WALL or fit < LEAST_FIT:
+        return None
     _, _, half, turn, _, thickness = (float(value) for value in candidate)
     x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
     bulge, near = float(template.bulge(focal_length)[0, 0]), float(nearness(template.half, focal_length)[0, 0])
@@ -185,66 +210,6 @@ def _candidate(place: Array) -> Array:
     return np.array(
         [middle[0] + low * half * np.sin(roll), middle[1] - low * half * np.cos(roll), half, roll, low, thickness]
     )
-
-
-def _sharpened(grey: GreyImage, fine: Edges, candidate: Array, focal_length: float) -> Array:
-    """Refine a candidate to sub-pixel edges: walls, then lower rim, then upper rim by the height of the face."""
-    p = candidate.copy()
-    for reach in (7.0, 5.0, 3.0):
-        template = _Template(*p[:, None, None])
-        down = np.linspace(-0.8, -0.15, 24) * p[5]
-        left = _edge_offset(fine, template, -np.ones(24), down, (1.0, 0.0), reach)
-        right = _edge_offset(fine, template, np.ones(24), down, (1.0, 0.0), reach)
-        shift = np.array([np.median(left[0]), np.median(right[0])])
-        p[0], p[2] = p[0] + shift.mean(), p[2] + (shift[1] - shift[0]) / 2
-        along = np.linspace(-0.95, 0.95, 240)
-        arc = np.sqrt(1 - along * along)
-        offset, strength = _edge_offset(fine, template, along, p[4] * arc, (0.0, 1.0), reach)
-        move = _robust_fit(np.column_stack([np.ones_like(along), along, arc]), offset, strength)
-        p[1], p[4] = p[1] + move[0], max(p[4] + move[2] / p[2], 0.0)
-        p[3] += move[1] / p[2]
-        p[5] *= _face_share(grey, _Template(*p[:, None, None]), focal_length)
-    return p
-
-
-def _edge_offset(
-    picture: Edges, template: _Template, along: Array, down: Array, normal: tuple[float, float], reach: float
-) -> tuple[Array, Array]:
-    """Offset [px] of the strongest edge from the template in the direction `normal`, and its strength."""
-    steps = np.arange(-reach, reach + 0.25, 0.5)
-    half = float(template.half[0, 0])
-    u, v = along[:, None] + normal[0] * steps / half, down[:, None] + normal[1] * steps / half
-    x, y = (part.astype(np.float32) for part in template.pixel(u, v))
-    cos, sin = float(np.cos(template.roll[0, 0])), float(np.sin(template.roll[0, 0]))
-    across = (normal[0] * cos - normal[1] * sin, normal[0] * sin + normal[1] * cos)
-    gradient = np.abs(
-        across[0] * cv2.remap(picture.x, x, y, cv2.INTER_LINEAR)
-        + across[1] * cv2.remap(picture.y, x, y, cv2.INTER_LINEAR)
-    )
-    at = np.argmax(gradient, axis=1)
-    rows = np.arange(len(at))
-    return steps[at] + 0.5 * _vertex(gradient, rows, at), gradient[rows, at].astype(np.float64)
-
-
-def _vertex(values: npt.NDArray[np.float32], rows: npt.NDArray[np.int64], at: npt.NDArray[np.int64]) -> Array:
-    """Offset, in samples, of the vertex of the parabola through the largest sample and its neighbours."""
-    at = np.clip(at, 1, values.shape[1] - 2)
-    before, here, after = (values[rows, at + k].astype(np.float64) for k in (-1, 0, 1))
-    bend = before - 2 * here + after
-    return np.asarray(np.clip(np.where(bend < -1e-9, 0.5 * (before - after) / np.minimum(bend, -1e-9), 0.0), -0.5, 0.5))
-
-
-def _robust_fit(design: Array, values: Array, weight: Array) -> Array:
-    """Weighted least squares with Huber weights."""
-    usual = np.ones_like(values)
-    answer = np.zeros(design.shape[1])
-    for _ in range(12):
-        w = np.sqrt(weight * usual)
-        answer = np.asarray(np.linalg.lstsq(design * w[:, None], values * w, rcond=None)[0], dtype=np.float64)
-        miss = np.abs(values - design @ answer)
-        scale = max(mad_std(miss, centre=0.0), 0.1)
-        usual = np.minimum(1.0, 1.345 * scale / np.maximum(miss, 1e-9))
-    return answer
 
 
 def _face_share(grey: GreyImage, template: _Template, focal_length: float) -> float:
@@ -355,12 +320,12 @@ def _sample_points(count: int) -> dict[str, _SamplePoints]:
         along, above = (part if kept is None else part[kept] for part in points)
         return _SamplePoints(along[:count].astype(np.float32), above[:count].astype(np.float32))
 
-    core, sky = spread((0.0, 0.8), (0.02, 0.22)), spread((0.0, 1.5), (0.02, 0.9))
+    core, sky = spread((0.0, 0.6), (0.0, 0.2)), spread((0.0, 1.5), (0.02, 0.9))
     return {
-        "core": first(core, core[1] < 0.02 + FLATTEST * (0.85 - np.abs(core[0]))),
-        "foot": first(spread((0.6, 0.88), (0.01, 0.06))),
+        "core": first(core, core[1] < FLATTEST * (0.7 - np.abs(core[0]))),
+        "top": first(spread((0.8, 0.985), (0.1, 0.9))),
         "sky": first(sky, sky[1] > STEEPEST * (1.15 - np.abs(sky[0]))),
-        "beside heap": first(spread((1.06, 1.3), (0.0, 0.12))),
+        "beside heap": first(spread((1.03, 1.25), (0.0, 0.12))),
         "beside face": first(spread((1.03, 1.2), (0.0, 1.0))),
         "face": first(spread((0.0, 0.92), (0.1, 0.9))),
         "left end of face": first(one_side(-0.985, -0.88)),
@@ -415,6 +380,10 @@ class _Cost:
             low = template.low * arc
             if name == "below face":
                 down = low + points.above
+            elif name == "core":
+                down = -template.thickness - points.above
+            elif name == "top":
+                down = bulge * arc * (1 - 2 * points.above) - template.thickness
             elif "face" in name:
                 down = rim + points.above * (low - rim)
             else:
@@ -424,12 +393,11 @@ class _Cost:
             y.append(place[1])
         map_x, map_y = (np.asarray(self.zoom * np.concatenate(part, axis=1), dtype=np.float32) for part in (x, y))
         seen = cv2.remap(self.classes, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        layer = {Grain.GRAINS: 0, Grain.BASE: 1, None: 2}
         fit, start = np.zeros(len(map_x)), 0
         for name, points in self.points.items():
-            kind, weight = REGIONS[name]
+            kinds, weight = REGIONS[name]
             end = start + len(points.along)
-            fit += weight * seen[:, start:end, layer[kind]].mean(axis=1)
+            fit += weight * seen[:, start:end][..., kinds].sum(axis=2).mean(axis=1)
             start = end
         return fit
 
