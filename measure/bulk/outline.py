@@ -27,6 +27,7 @@ class Disc:
     nearness: float  # [1], disc radius / camera distance, from the focal length: one photo hardly determines it
     support: float  # [1], share of the template on edges
     fit: float  # [1], probability that its regions are what they should be: heap, face of the base, background
+    lower_rim: float  # [1], share of the lower rim on edges
 
     @property
     def sigma(self) -> float:

@@ -50,6 +50,8 @@ BEAD_UNCERTAINTY = 0.06  # relative standard uncertainty of a scale from beads
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
+LEAST_RIM = 0.5  # share of the lower rim of the base on edges: the height of the base line hangs on it
+
 UNSURE = 0.2  # share of the outline that another threshold moves by more than a bead radius
 
 
@@ -126,7 +128,7 @@ def observe_photo(
         unconfirmed,
         odd,
         camera.flank,
-        NO_BASE if found.view.radius == 0 else "",
+        NO_BASE if found.view.radius == 0 else _half_seen(found),
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
@@ -292,6 +294,12 @@ def _flaw_of_picture(found: Silhouette) -> str:
     if float(np.nanmean(apart > found.bead_radius)) > UNSURE:
         return "more than a fifth of the outline depends on the threshold that separates beads from the background"
     return ""
+
+
+def _half_seen(found: Silhouette) -> str:
+    if found.disc is None or found.disc.lower_rim >= LEAST_RIM:
+        return ""
+    return f"{100 * found.disc.lower_rim:.0f} % of the lower rim of the base is seen as an edge; --base states its place"
 
 
 def _ignored(found: Silhouette, camera: Camera) -> str:
