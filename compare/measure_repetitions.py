@@ -25,7 +25,7 @@ from rigtwin.lab.formatting import reading, siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.materials import heavier_than_its_solid
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.quantity import CheckLine, Measurement, Quantity, check_lines
 from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.tracked.table import is_table
 
@@ -81,6 +81,11 @@ class Measured:
         stated = self.experiment.measured
         found = (quantity for item in self.measurements for quantity in over_views(item.quantities))
         return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
+
+    @property
+    def failed_checks(self) -> list[CheckLine]:
+        """The checks that failed in a repetition or in several."""
+        return [one for one in check_lines(item.checks for item in self.measurements) if one.passed < one.of]
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -200,6 +200,52 @@ def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str
     return in_a_row(check.message for check in messages)
 
 
+@dataclass(frozen=True)
+class CheckLine:
+    """One self-check over all repetitions."""
+
+    name: str
+    passed: int
+    of: int
+    message: str
+    """Of a repetition in which it failed, if there is one."""
+
+    @property
+    def verdict(self) -> str:
+        """In how many repetitions it passed, in words."""
+        if self.passed == self.of:
+            return "passed" if self.of == 1 else f"passed in all {self.of}"
+        return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
+
+
+def check_lines(repetitions: Iterable[Iterable[Check]]) -> list[CheckLine]:
+    """Return each check of several repetitions once.
+
+    Parameters
+    ----------
+    repetitions : iterable of iterable of Check
+        The checks of each repetition.
+
+    Returns
+    -------
+    list of CheckLine
+        In the order of first appearance.
+
+    Examples
+    --------
+    >>> leaning, upright = (Check("camera_roll", passed, 0.0, 0.0, "it leans") for passed in (False, True))
+    >>> [line.verdict for line in check_lines([[leaning], [upright]])]
+    ['failed in 1 of 2']
+    """
+    checks = [check for one in repetitions for check in one]
+    lines = []
+    for name in dict.fromkeys(check.check for check in checks):
+        mine = [check for check in checks if check.check == name]
+        worst = next((check for check in mine if not check.passed), mine[0])
+        lines.append(CheckLine(name.replace("_", " "), sum(each.passed for each in mine), len(mine), worst.message))
+    return lines
+
+
 class Readable:
     """Access to quantities by name, shared by measurements and twins."""
 
