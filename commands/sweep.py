@@ -34,7 +34,7 @@ def show(found: Sweep, as_json: bool, quiet: bool) -> None:
     frame = pd.DataFrame([{**row, "which": siblings(row)} for row in rows])
     groups = () if frame.empty else frame.groupby(["quantity", "method", "which", "unit"], sort=False)
     for (quantity, method, which, unit), mine in groups:
-        typer.echo(f"{', '.join(filter(None, (quantity, which)))} ({method}) in {unit}")
+        typer.echo(f"{quantity}{', ' if which else ''}{which} ({method}) in {unit}")
         # every column as text of one width, so that a mark stands behind its number and the numbers stay in line
         marks = mine["doubtful"].map(lambda why: " doubtful" if why else "")
         width = marks.map(len).max()

@@ -20,7 +20,7 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.file.option_names import naming_lab_keys, reworded_measurement
+from rigtwin.lab.file.option_names import naming_lab_keys, reworded
 from rigtwin.lab.formatting import reading, siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.materials import heavier_than_its_solid
@@ -196,7 +196,7 @@ def measure_repetition(
             naming_lab_keys(experiment.rig_name, experiment.particle.name),
             unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)),
         ):
-            return reworded_measurement(_measure(experiment, views, out, **more))
+            return reworded(_measure(experiment, views, out, **more))
     except RigtwinError as error:
         if isinstance(error, BadInput):
             return Failure(views[0], str(error), error.seen, error.picture)

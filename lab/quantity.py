@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigtwin.lab.errors import BadInput, Mark
+from rigtwin.lab.formatting import reading
 from rigtwin.lab.records import Profile, Series, Track
 
 if TYPE_CHECKING:
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Detail = str | int | float | bool
+
+MOST_IN_REPR = 12  # quantities, as many as a person reads at a glance
 
 
 @dataclass(frozen=True)
@@ -249,7 +252,19 @@ def check_lines(repetitions: Iterable[Iterable[Check]]) -> list[CheckLine]:
 class Readable:
     """Access to quantities by name, shared by measurements and twins."""
 
+    rig: str
     quantities: tuple[Quantity, ...]
+
+    def __repr__(self) -> str:
+        """What it is of, its first numbers, and what speaks against them: records have millions of characters."""
+        source = f", {self.source.name}" if isinstance(self, Measurement) else ""
+        first = self.quantities[:MOST_IN_REPR]
+        lines = [f"{_label(one)} = {reading(one.value, one.std_uncertainty, one.unit)}" for one in first]
+        lines = [f"{line}{', doubtful' if one.doubtful else ''}" for line, one in zip(lines, first, strict=True)]
+        if more := len(self.quantities) - len(first):
+            lines.append(f"{more} more: to_frame()")
+        lines += dict.fromkeys(f"doubtful: {one.doubtful}" for one in self.quantities if one.doubtful)
+        return "\n  ".join([f"<{type(self).__name__} of a {self.rig}{source}", *lines]) + ">"
 
     def quantity(self, name: str, method: str | None = None, **detail: Detail) -> Quantity:
         """Return the one quantity of that name.
@@ -365,7 +380,7 @@ class Evaluation:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Measurement(Readable):
     """Everything one repetition gave: quantities, checks, warnings, the record behind them, pictures to trust it by."""
 

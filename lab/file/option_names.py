@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache, partial
-from typing import get_args
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 from rigtwin.lab.errors import rename_options, reword, reworded_refusals
 from rigtwin.lab.file.schema import ExperimentEntry, ParticleEntry, keys_of_camera
-from rigtwin.lab.quantity import Measurement
+from rigtwin.lab.quantity import Evaluation
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Result = TypeVar("Result", bound="DataclassInstance")
 
 _OF_PARTICLE = "bead_"  # options of the particle begin with it, its keys do not
 
@@ -71,22 +76,27 @@ def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:
     return reworded_refusals(partial(in_keys, rig=rig, particle=particle))
 
 
-def reworded_measurement(found: Measurement) -> Measurement:
-    """Return a measurement whose sentences are `reword`.
+def reworded(found: Result) -> Result:
+    """Return a result, of a measurement or another, whose sentences are `reword`.
 
     Parameters
     ----------
-    found : Measurement
-        The measurement, whose sentences name options.
+    found : Measurement, Twin, Comparison, ...
+        The result, a dataclass whose sentences name options.
 
     Returns
     -------
-    Measurement
+    Measurement, Twin, Comparison, ...
         The same with other words.
     """
-    return replace(
-        found,
-        quantities=tuple(replace(one, doubtful=reword(one.doubtful)) for one in found.quantities),
-        checks=tuple(replace(one, message=reword(one.message)) for one in found.checks),
-        warnings=tuple(map(reword, found.warnings)),
-    )
+    names = {field.name for field in fields(found)}
+    changed: dict[str, Any] = {}
+    for name in names & {"warnings", "remarks", "assumptions"}:
+        changed[name] = tuple(map(reword, getattr(found, name)))
+    for name, sentence in (("quantities", "doubtful"), ("checks", "message")):
+        if name in names:
+            ones = getattr(found, name)
+            changed[name] = tuple(replace(one, **{sentence: reword(getattr(one, sentence))}) for one in ones)
+    if isinstance(evaluation := getattr(found, "evaluation", None), Evaluation):
+        changed["evaluation"] = reworded(evaluation)
+    return replace(found, **changed)
