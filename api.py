@@ -404,7 +404,7 @@ def _work(command: Callable[..., Work], given: dict[str, Any], settings: dict[st
 
 
 def _run(work: Work, **more: Any) -> Any:
-    from rigtwin.lab.file.option_names import reworded
+    from rigtwin.lab.quantity import reworded
 
     def worded() -> Any:
         found = work(**more)

@@ -20,12 +20,12 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.file.option_names import naming_lab_keys, reworded
+from rigtwin.lab.file.option_names import naming_lab_keys
 from rigtwin.lab.formatting import reading, siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.materials import heavier_than_its_solid
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import CheckLine, Measurement, Quantity, check_lines
+from rigtwin.lab.quantity import CheckLine, Measurement, Quantity, check_lines, reworded
 from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.tracked.table import is_table
 

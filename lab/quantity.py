@@ -7,22 +7,24 @@ repetition gave.  All three print as the JSON documents that `rigtwin measure --
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from rigtwin.lab.errors import BadInput, Mark
+from rigtwin.lab.errors import BadInput, Mark, reword
 from rigtwin.lab.formatting import reading
 from rigtwin.lab.records import Profile, Series, Track
 
 if TYPE_CHECKING:
     import pandas as pd
+    from _typeshed import DataclassInstance
     from matplotlib.figure import Figure
 
 Detail = str | int | float | bool
+Result = TypeVar("Result", bound="DataclassInstance")
 
 MOST_IN_REPR = 12  # quantities, as many as a person reads at a glance
 
@@ -432,6 +434,39 @@ class Measurement(Readable):
     def without_files(self) -> Measurement:
         """Return the measurement without the names of written files."""
         return replace(self, files={})
+
+
+def reworded(found: Result, change: Callable[[str], str] = reword) -> Result:
+    """Return a result, of a measurement or another, with its sentences in other words.
+
+    Parameters
+    ----------
+    found : Measurement, Twin, Comparison, ...
+        The result, a dataclass whose doubts, checks and warnings name options.
+    change : callable
+        Returns a sentence in other words.
+
+    Returns
+    -------
+    Measurement, Twin, Comparison, ...
+        The same with other words.
+
+    Examples
+    --------
+    >>> reworded(Evaluation((), warnings=("check --base",)), lambda text: text.replace("--", "")).warnings
+    ('check base',)
+    """
+    names = {field.name for field in fields(found)}
+    changed: dict[str, Any] = {}
+    for name in names & {"warnings", "remarks", "assumptions"}:
+        changed[name] = tuple(map(change, getattr(found, name)))
+    for name, sentence in (("quantities", "doubtful"), ("checks", "message")):
+        if name in names:
+            ones = getattr(found, name)
+            changed[name] = tuple(replace(one, **{sentence: change(getattr(one, sentence))}) for one in ones)
+    if isinstance(evaluation := getattr(found, "evaluation", None), Evaluation):
+        changed["evaluation"] = reworded(evaluation, change)
+    return replace(found, **changed)
 
 
 def _finite(value: float) -> float | None:

@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import fields, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Any, TypeVar, get_args
+from typing import get_args
 
-from rigtwin.lab.errors import rename_options, reword, reworded_refusals
+from rigtwin.lab.errors import rename_options, reworded_refusals
 from rigtwin.lab.file.schema import ExperimentEntry, ParticleEntry, keys_of_camera
-from rigtwin.lab.quantity import Evaluation
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-Result = TypeVar("Result", bound="DataclassInstance")
 
 _OF_PARTICLE = "bead_"  # options of the particle begin with it, its keys do not
 
@@ -74,29 +67,3 @@ def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:
         Within it refusals name keys of lab.toml.
     """
     return reworded_refusals(partial(in_keys, rig=rig, particle=particle))
-
-
-def reworded(found: Result) -> Result:
-    """Return a result, of a measurement or another, whose sentences are `reword`.
-
-    Parameters
-    ----------
-    found : Measurement, Twin, Comparison, ...
-        The result, a dataclass whose sentences name options.
-
-    Returns
-    -------
-    Measurement, Twin, Comparison, ...
-        The same with other words.
-    """
-    names = {field.name for field in fields(found)}
-    changed: dict[str, Any] = {}
-    for name in names & {"warnings", "remarks", "assumptions"}:
-        changed[name] = tuple(map(reword, getattr(found, name)))
-    for name, sentence in (("quantities", "doubtful"), ("checks", "message")):
-        if name in names:
-            ones = getattr(found, name)
-            changed[name] = tuple(replace(one, **{sentence: reword(getattr(one, sentence))}) for one in ones)
-    if isinstance(evaluation := getattr(found, "evaluation", None), Evaluation):
-        changed["evaluation"] = reworded(evaluation)
-    return replace(found, **changed)
