@@ -193,7 +193,7 @@ def measure_repetition(
     """
     try:
         with (
-            naming_lab_keys(experiment.rig_name, experiment.particle.name),
+            naming_lab_keys(experiment.rig_name, experiment.particle_place),
             unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)),
         ):
             return reworded(_measure(experiment, views, out, **more))

@@ -22,7 +22,7 @@ def in_keys(text: str, rig: str, particle: str) -> str:
     rig : str
         Rig of the experiment.
     particle : str
-        Name of its particle.
+        Where its particle is described, in words.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def in_keys(text: str, rig: str, particle: str) -> str:
 
     Examples
     --------
-    >>> in_keys("state it with --base x1,y1,x2,y2, or give --bead-diameter 6 mm and --out", "pile", "D6")
+    >>> in_keys("state it with --base x1,y1,x2,y2, or give --bead-diameter 6 mm and --out", "pile", "[particles.D6]")
     'state it with base "x1,y1,x2,y2", or give diameter "6 mm" of [particles.D6] and --out'
     """
     return rename_options(text, partial(_key, rig, particle))
@@ -42,7 +42,7 @@ def _key(rig: str, particle: str, name: str, value: str) -> str | None:
         return f"{name}{value}"
     short = name.removeprefix(_OF_PARTICLE)
     if short != name and short in ParticleEntry.model_fields:
-        return f"{short}{value} of [particles.{particle}]"
+        return f"{short}{value} of {particle}"
     return None
 
 
@@ -59,7 +59,7 @@ def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:
     Parameters
     ----------
     rig, particle : str
-        Rig of the experiment, and name of its particle.
+        Rig of the experiment, and where its particle is described, in words.
 
     Returns
     -------
