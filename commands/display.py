@@ -217,13 +217,13 @@ def _check_failed(row: Deviation) -> str:
 def _tell_warnings(
     console: Console, rows: Sequence[Deviation], measured: Sequence[Measured], warnings: Sequence[str]
 ) -> None:
-    """Doubts of the shown rows, failed checks and warnings; a failed check that the others state is not repeated."""
-    doubts = list(dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in rows if row.doubtful))
-    for reason in doubts:
+    """Why shown rows are doubtful, failed checks and warnings; a failed check that the others state is not repeated."""
+    reasons = list(dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in rows if row.doubtful))
+    for reason in reasons:
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
     for one in measured:
         for check in one.failed_checks:
-            if not any(check.message.removesuffix(".") in said for said in (*doubts, *warnings)):
+            if not any(check.message.removesuffix(".") in said for said in (*reasons, *warnings)):
                 words = f"{one.experiment.id}: {check.name} {check.verdict}: {check.message}"
                 console.print(f"[red]check failed:[/red] {escape(words)}")
     for warning in warnings:

@@ -442,7 +442,7 @@ def reworded(found: Result, change: Callable[[str], str] = reword) -> Result:
     Parameters
     ----------
     found : Measurement, Twin, Comparison, ...
-        The result, a dataclass whose doubts, checks and warnings name options.
+        The result, a dataclass whose reasons, checks and warnings name options.
     change : callable
         Returns a sentence in other words.
 

@@ -70,7 +70,7 @@ def shows_refusals(measure: Callable[P, Measurement]) -> Callable[P, Measurement
     -------
     callable
         The same function. Without a folder, or for a medium that cannot be decoded, the message stays as it is. A
-        measurement that succeeds removes the picture of an earlier refusal; where its doubts, checks and warnings name
+        measurement that succeeds removes the picture of an earlier refusal; where its reasons, checks and warnings name
         a stated place, they have its value.
     """
 
