@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -87,7 +88,7 @@ def measure(
     if rig not in RIGS:
         raise _unknown("rig", rig, RIGS)
     command = _command(commands.app, rig)
-    paths = [Path(each) for each in media]
+    paths = [_path("media", each) for each in media]
     positional = media_of(command)
     many = positional == "photos"
     if not paths or (len(paths) > 1 and not many):
@@ -96,12 +97,13 @@ def measure(
         )
     work = _work(command, {positional: paths if many else paths[0]}, settings)
     if out is not None:
-        with claimed(Path(out)):
-            kept: Measurement = _run(work, out=Path(out), progress=progress or silent)
+        folder = _path("out", out)
+        with claimed(folder):
+            kept: Measurement = _run(work, out=folder, progress=progress or silent)
         return kept
-    with TemporaryDirectory(prefix="rigtwin-") as folder:
+    with TemporaryDirectory(prefix="rigtwin-") as passing:
         try:
-            measurement: Measurement = _run(work, out=Path(folder), progress=progress or silent)
+            measurement: Measurement = _run(work, out=Path(passing), progress=progress or silent)
         except BadInput as refused:
             refused.picture = None  # it goes with the folder
             raise
@@ -175,7 +177,7 @@ def open_lab(folder: str | Path, *, allow_outside: bool = False) -> OpenLab:
     >>> [experiment.id for experiment in lab.experiments]
     ['drop-D6-steel', 'pendulum-D12', 'pile-D6-90mm']
     """
-    return OpenLab(Path(folder), allow_outside=allow_outside)
+    return OpenLab(_path("folder", folder), allow_outside=allow_outside)
 
 
 class OpenLab:
@@ -402,7 +404,19 @@ def _work(command: Callable[..., Work], given: dict[str, Any], settings: dict[st
 
 
 def _run(work: Work, **more: Any) -> Any:
-    return _in_own_words(lambda: work(**more))
+    from rigtwin.lab.quantity import reworded
+
+    def worded() -> Any:
+        found = work(**more)
+        return reworded(found) if is_dataclass(found) and not isinstance(found, type) else found
+
+    return _in_own_words(worded)
+
+
+def _path(name: str, value: Any) -> Path:
+    if not isinstance(value, (str, Path)):
+        raise BadInput(f"{name}: {value!r} is not the name of a file or folder.")
+    return Path(value)
 
 
 def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
@@ -415,32 +429,32 @@ def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
         if not isinstance(several, Sequence):
             raise BadInput(f"{name}: {value!r} is neither a text nor a list of texts.")
         return [parser(str(each)) for each in several]
-    if getattr(option, "parser", None) is not None:
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return option.parser(float(value) if number else str(value))
-    kinds = get_args(kind) if get_origin(kind) is not Literal else (kind,)
+    kinds = (kind,) if get_origin(kind) in (None, Literal) else get_args(kind)
     if Path in kinds:
-        if not isinstance(value, (str, Path)):
-            raise BadInput(f"{name}: {value!r} is not the name of a file or folder.")
-        return Path(value)
+        path = _path(name, value)
+        return path if getattr(option, "parser", None) is None else option.parser(str(value))
+    if getattr(option, "parser", None) is not None:
+        number = float in kinds and isinstance(value, (int, float)) and not isinstance(value, bool)
+        return option.parser(float(value) if number else str(value))
     choices = next((get_args(each) for each in kinds if get_origin(each) is Literal), None)
     if choices is not None and value not in choices:
         raise _unknown(name, value, choices)
-    if (kind is bool or bool in kinds) and not isinstance(value, bool):
+    if str in kinds and not isinstance(value, str):
+        raise BadInput(f"{name}: {value!r} is not a text.")
+    if bool in kinds and not isinstance(value, bool):
         raise BadInput(f"{name}: {value!r} is neither True nor False.")
-    whole = int in kinds or kind is int
-    if whole and (isinstance(value, bool) or not isinstance(value, int) or not _within(value, option)):
-        raise BadInput(f"{name}: {value!r} is not a whole number of the range that is allowed; see the option's help.")
+    low, high = (getattr(option, end, None) for end in ("min", "max"))
+    fits = isinstance(value, int) and not isinstance(value, bool)
+    if int in kinds and not (fits and (low is None or value >= low) and (high is None or value <= high)):
+        most = f"{low:g} to {high:g}" if high is not None and low is not None else f"{low:g} upwards"
+        allowed = "" if low is None else f" from {most}"
+        raise BadInput(f"{name}: {value!r} is not a whole number{allowed}.")
     return value
-
-
-def _within(value: int, option: Any) -> bool:
-    return (option.min is None or value >= option.min) and (option.max is None or value <= option.max)
 
 
 def _in_own_words(call: Callable[[], Any]) -> Any:
     """Call; a refusal names the keyword argument where the command line names the option."""
-    with reworded_refusals(partial(rename_options, instead=lambda name, value: f"{name}{value}")):
+    with reworded_refusals(partial(rename_options, instead=lambda name, value: f"{name}{value.replace(' ', '=', 1)}")):
         return call()
 
 

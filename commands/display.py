@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis
     from rigtwin.compare.diagnose.diagnosis import Diagnosis
     from rigtwin.compare.measure_lab import LabMeasurements
+    from rigtwin.compare.measure_repetitions import Measured
     from rigtwin.compare.reproduce.reproduce import Reproduction
     from rigtwin.compare.twins.twin import Twin
     from rigtwin.lab.progress import Progress
@@ -177,7 +178,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
                 reading(row.simulated, row.simulated_std_uncertainty, row.unit),
                 percent(row.percent_deviation, row.percent_deviation_std),
                 z_score(row.z),
-                escape(row.verdict),
+                escape(", ".join(filter(None, (row.verdict, _check_failed(row))))),
             )
         table.add_section()
     console.print(table)
@@ -190,9 +191,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
         if note:
             of = ", ".join(dict.fromkeys([name, *quantities]))
             console.print(f"[dim]note:[/dim] {escape(f'{of}: {note}')}")
-    _tell_doubtful(console, primary)
-    for warning in comparison_warnings(comparison):
-        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    _tell_warnings(console, primary, [one.measured for one in comparison.outcomes], comparison_warnings(comparison))
     for sentence in comparison.lab.notes:
         console.print(f"[dim]note:[/dim] {escape(sentence)}")
     for sentence in comparison.lab.borrowed:
@@ -210,9 +209,25 @@ def _tell_rest(console: Console, rest: Sequence[Deviation], place: str) -> None:
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in {place}{some}")
 
 
-def _tell_doubtful(console: Console, rows: Sequence[Deviation]) -> None:
-    for reason in dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in rows if row.doubtful):
+def _check_failed(row: Deviation) -> str:
+    """The mark of a row whose value does not rest on a check that failed; what does is doubtful."""
+    return "" if row.doubtful or not row.failed_check else "check failed"
+
+
+def _tell_warnings(
+    console: Console, rows: Sequence[Deviation], measured: Sequence[Measured], warnings: Sequence[str]
+) -> None:
+    """Why shown rows are doubtful, failed checks and warnings; a failed check that the others state is not repeated."""
+    reasons = list(dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in rows if row.doubtful))
+    for reason in reasons:
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
+    for one in measured:
+        for check in one.failed_checks:
+            if not any(check.message.removesuffix(".") in said for said in (*reasons, *warnings)):
+                words = f"{one.experiment.id}: {check.name} {check.verdict}: {check.message}"
+                console.print(f"[red]check failed:[/red] {escape(words)}")
+    for warning in warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
 
 
 def show_lab_measurements(found: LabMeasurements, as_json: bool, quiet: bool) -> None:
@@ -241,13 +256,11 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
             reading(row.measured, row.measured_std_uncertainty, row.unit),
             uncertainty(row.measured_std, row.unit) if row.measured_n > 1 else "",
             str(row.measured_n),
-            "[yellow]doubtful[/yellow]" if row.doubtful else "",
+            "[yellow]doubtful[/yellow]" if row.doubtful else _check_failed(row),
         )
     console.print(table)
     _tell_rest(console, rest, "measurements.csv")
-    _tell_doubtful(console, primary)
-    for warning in found.warnings:
-        console.print(f"[yellow]warning:[/yellow] {escape(warning)}")
+    _tell_warnings(console, primary, found.measured, found.warnings)
     for path in found.files.values():
         typer.echo(f"wrote {path}")
 

@@ -36,8 +36,7 @@ def quantity(
     """
 
     def read(text: str | float) -> float:
-        # a default is in SI already, and typer has it read too
-        return text if isinstance(text, float) else _size(text, dimension, flag, zero, highest)
+        return _size(text, dimension, flag, zero, highest)
 
     return typer.Option(flag, metavar=example, help=help_text, parser=read, show_default=False)
 
@@ -391,12 +390,14 @@ def camera_of(
     return straightened(described)
 
 
-def _size(text: str, dimension: str, name: str, zero: bool, highest: float) -> float:
+def _size(text: str | float, dimension: str, name: str, zero: bool, highest: float) -> float:
     """A quantity in SI that must be above zero, no longer than a bench."""
     from rigtwin.lab.errors import BadQuantity
     from rigtwin.lab.units import LARGEST_BEAD, LONGEST, si
 
-    value = si(text, dimension, name=name)
+    # a number is a default, which typer has read too, or comes from Python: it is in SI, also where a text needs a unit
+    known = isinstance(text, float) and math.isfinite(text)
+    value = float(text) if known else si(text, dimension, name=name)
     if value < 0 or (value == 0 and not zero):
         raise BadQuantity(f"{name}: {text!r} is {'below' if zero else 'not above'} zero; give a positive value.")
     too_large = value > highest and not math.isclose(value, highest)  # as radians(175) is another than 175 deg

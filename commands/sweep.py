@@ -27,18 +27,25 @@ def show(found: Sweep, as_json: bool, quiet: bool) -> None:
         return
     import pandas as pd
 
+    from rigtwin.lab.formatting import siblings
+
     names = [one.name for one in found.varied]
-    frame = pd.DataFrame([row for row in found.rows if row.get("simulated") is not None])
-    groups = () if frame.empty else frame.groupby(["quantity", "method", "unit"], sort=False)
-    for (quantity, method, unit), mine in groups:
-        typer.echo(f"{quantity} ({method}) in {unit}")
+    rows = [row for row in found.rows if row.get("simulated") is not None]
+    frame = pd.DataFrame([{**row, "which": siblings(row)} for row in rows])
+    groups = () if frame.empty else frame.groupby(["quantity", "method", "which", "unit"], sort=False)
+    for (quantity, method, which, unit), mine in groups:
+        typer.echo(f"{quantity}{', ' if which else ''}{which} ({method}) in {unit}")
+        # every column as text of one width, so that a mark stands behind its number and the numbers stay in line
+        marks = mine["doubtful"].map(lambda why: " doubtful" if why else "")
+        width = marks.map(len).max()
+        shown = mine.assign(simulated=mine["simulated"].map("{:.4g}".format) + marks.str.ljust(width))
         columns = [*names, "simulated", *(name for name in ("measured", "percent_deviation") if name in mine)]
         if len(names) == 2 and len(mine) == len(mine.drop_duplicates(names)) and "measured" not in mine:
-            typer.echo(
-                mine.pivot_table(index=names[0], columns=names[1], values="simulated").to_string(float_format="%.4g")
-            )
+            typer.echo(shown.pivot(index=names[0], columns=names[1], values="simulated").fillna("").to_string())
         else:
-            typer.echo(mine[columns].to_string(index=False, float_format="%.4g"))
+            typer.echo(shown[columns].to_string(index=False, float_format="%.4g"))
+    for reason in dict.fromkeys(row["doubtful"] for row in rows if row["doubtful"]):
+        typer.echo(f"doubtful: {reason}")
     for words in failures(found):
         typer.echo(words)
     typer.echo(f"{found.runs - len(found.failures)} of {found.runs} runs; wrote {found.files['sweep.csv'].parent}")
@@ -101,6 +108,7 @@ def sweep(
     from rigtwin.compare.campaign.sweep import lab_setting, stated_setting
     from rigtwin.compare.campaign.sweep import sweep as run
     from rigtwin.lab.errors import BadInput
+    from rigtwin.lab.file.schema import suggestion
     from rigtwin.lab.rigs import RIGS
 
     measured = None
@@ -109,6 +117,8 @@ def sweep(
             raise BadInput("--only: belongs to a lab; leave it out, or give a lab folder.")
         walled = None if subject == "pendulum" and "variant=double" in (setting or ()) else wall or "steel"
         where = stated_setting(subject, setting or (), particle=particle or "D6", wall=walled, lab=lab)
+    elif not Path(subject).exists():
+        raise BadInput(f"{subject}: no such file or folder, and no such rig; {suggestion(subject, RIGS)}.")
     else:
         for option, given in {"--set": setting, "--particle": particle, "--wall": wall, "--lab": lab}.items():
             if given:

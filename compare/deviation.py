@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
 from typing import Any
 
-from rigtwin.lab.quantity import Detail, Quantity, root_sum_of_squares
+from rigtwin.lab.quantity import CheckLine, Detail, Quantity, root_sum_of_squares
 from rigtwin.lab.reference.repetition_scatter import Scatter
 
 # Details that distinguish quantities of the same name; other details (a frame number, a speed) only describe.
@@ -129,6 +129,8 @@ class Deviation:
     scatter_from: str = ""
     """Where that scatter comes from."""
     doubtful: str = ""
+    failed_check: str = ""
+    """Names of the checks of the measurement that failed, also where this value does not rest on them."""
     note: str = ""
     budget: dict[str, float] = field(default_factory=dict)
 
@@ -379,6 +381,7 @@ def deviations(
     assumed: Sequence[str] = (),
     seen: str = "",
     scatter: Callable[[str], Scatter] | None = None,
+    failed_checks: Sequence[CheckLine] = (),
 ) -> tuple[Deviation, ...]:
     """Compare each measured quantity with that of the twin.
 
@@ -407,6 +410,8 @@ def deviations(
     scatter : callable, optional
         Returns for the name of a quantity what is known beforehand of its scatter from repetition to repetition, and
         from run to run of a twin with a `run_name`.
+    failed_checks : sequence of CheckLine
+        Checks of the measurement that failed, whether or not a value rests on them.
 
     Returns
     -------
@@ -424,6 +429,7 @@ def deviations(
     JCGM 100:2008 (GUM), annex G.4.
     """
     given = set_from or {}
+    failed = ", ".join(check.name for check in failed_checks)
 
     def prior(name: str) -> Scatter | None:
         return None if scatter is None or name in given else scatter(name)
@@ -437,7 +443,7 @@ def deviations(
         one = _deviation(experiment, rig, key, row, twin, given.get(key[0], ""), run_name, without_twin)
         about = [f"the twin takes from the media {seen}"] if seen and other is not None else []
         about += [f"the twin assumes {', '.join(assumed)}"] if assumed and other is not None else []
-        one = replace(one, note="; ".join(filter(None, (one.note, *about))))
+        one = replace(one, failed_check=failed, note="; ".join(filter(None, (one.note, *about))))
         if other is not None and other != key:
             one = replace(
                 one, note="; ".join(filter(None, (one.note, f"the twin's value is by another method: {other[1]}")))

@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rigtwin.compare.deviation import MOMENTS, group, key_of, over_views
+from rigtwin.compare.deviation import MOMENTS, combine, group, key_of, over_views
 from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.result_files import observation, relative
 from rigtwin.compare.twins.matched import measured_start, stated_start
@@ -20,19 +20,19 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.file.option_names import naming_lab_keys, reworded_measurement
+from rigtwin.lab.file.option_names import naming_lab_keys
 from rigtwin.lab.formatting import reading, siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.materials import heavier_than_its_solid
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Measurement, Quantity
+from rigtwin.lab.quantity import CheckLine, Measurement, Quantity, check_lines, reworded
 from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.tracked.table import is_table
 
 CERTAINLY = 4.0
-"""Standard uncertainties beyond which a film shows another setting than the stated one."""
+"""Standard uncertainties beyond which a film shows another value than the stated one."""
 BY_HAND = 0.05
-"""Relative difference of a stated setting that hand and ruler explain; assumed."""
+"""Relative difference of a stated value that hand and ruler explain; assumed."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,11 @@ class Measured:
         stated = self.experiment.measured
         found = (quantity for item in self.measurements for quantity in over_views(item.quantities))
         return [*stated, *(one for one in found if not any(replaces(other, one, self.experiment) for other in stated))]
+
+    @property
+    def failed_checks(self) -> list[CheckLine]:
+        """The checks that failed in a repetition or in several."""
+        return [one for one in check_lines(item.checks for item in self.measurements) if one.passed < one.of]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -188,10 +193,10 @@ def measure_repetition(
     """
     try:
         with (
-            naming_lab_keys(experiment.rig_name, experiment.particle.name),
+            naming_lab_keys(experiment.rig_name, experiment.particle_place),
             unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)),
         ):
-            return reworded_measurement(_measure(experiment, views, out, **more))
+            return reworded(_measure(experiment, views, out, **more))
     except RigtwinError as error:
         if isinstance(error, BadInput):
             return Failure(views[0], str(error), error.seen, error.picture)
@@ -376,13 +381,31 @@ def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
 
 
 def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """A warning for each stated quantity that replaces what the repetitions give."""
+    """A warning for each stated quantity that replaces what the repetitions give, with both values."""
     for stated in experiment.measured:
-        same = [any(replaces(stated, one, experiment) for one in item.quantities) for item in measurements]
-        if number := sum(same):
-            what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
-            those = f"those of {number} repetitions are" if number > 1 else "that of a repetition is"
-            yield f"{what} ({stated.method}) is stated in lab.toml; {those} not used"
+        same = [
+            one
+            for item in measurements
+            for one in over_views(item.quantities)
+            if replaces(stated, one, experiment) and math.isfinite(one.value)
+        ]
+        if not same:
+            continue
+        found = combine(same)
+        what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
+        given, seen = (reading(one.value, one.std_uncertainty, one.unit) for one in (stated, found))
+        those = f"the mean of {len(same)} repetitions" if len(same) > 1 else "that of a repetition"
+        warning = f"{what} ({stated.method}) is stated in lab.toml as {given}; {those}, {seen}, is not used"
+        if found.doubtful:
+            warning += ", and is doubtful"
+        if _differs(found.value, math.hypot(found.std_uncertainty, stated.std_uncertainty), stated.value):
+            warning += "; the two contradict each other: correct the stated value, or what the measured one rests on"
+        yield warning
+
+
+def _differs(found: float, std_uncertainty: float, stated: float) -> bool:
+    """Whether a film or photo certainly shows another value than the stated one."""
+    return abs(found - stated) > math.hypot(CERTAINLY * std_uncertainty, BY_HAND * stated)
 
 
 def _contradicted(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
@@ -394,7 +417,7 @@ def _contradicted(experiment: Experiment, measurements: Sequence[Measurement]) -
         found = measured_start(experiment, item)
         if found is None or found.doubtful:
             continue
-        if abs(found.value - stated) > math.hypot(CERTAINLY * found.std_uncertainty, BY_HAND * stated):
+        if _differs(found.value, found.std_uncertainty, stated):
             shown, given = (reading(value, 0.0, found.unit) for value in (found.value, stated))
             yield (
                 f"{item.source.name} shows {found.quantity} = {shown}, {given} is stated: correct {found.quantity}, or "

@@ -178,7 +178,7 @@ def _opened(lab: Lab, experiment: Experiment, views: Sequence[Path]) -> float | 
 
 def _misfit(lab: Lab, experiment: Experiment, view: Path, error: BadInput) -> _Misfit:
     """The fault with the key that states what does not fit: that of the file, or of all files."""
-    why = in_keys(str(error), experiment.rig_name, experiment.particle.name)
+    why = in_keys(str(error), experiment.rig_name, experiment.particle_place)
     camera = experiment.camera_of(view)
     name = next((name for name in options_in(str(error)) if hasattr(camera, name)), None)
     if name is None:

@@ -7,21 +7,26 @@ repetition gave.  All three print as the JSON documents that `rigtwin measure --
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from rigtwin.lab.errors import BadInput, Mark
+from rigtwin.lab.errors import BadInput, Mark, reword
+from rigtwin.lab.formatting import reading
 from rigtwin.lab.records import Profile, Series, Track
 
 if TYPE_CHECKING:
     import pandas as pd
+    from _typeshed import DataclassInstance
     from matplotlib.figure import Figure
 
 Detail = str | int | float | bool
+Result = TypeVar("Result", bound="DataclassInstance")
+
+MOST_IN_REPR = 12  # quantities, as many as a person reads at a glance
 
 
 @dataclass(frozen=True)
@@ -200,10 +205,68 @@ def failed(checks: Iterable[Check], among: Collection[str] | None = None) -> str
     return in_a_row(check.message for check in messages)
 
 
+@dataclass(frozen=True)
+class CheckLine:
+    """One self-check over all repetitions."""
+
+    name: str
+    passed: int
+    of: int
+    message: str
+    """Of a repetition in which it failed, if there is one."""
+
+    @property
+    def verdict(self) -> str:
+        """In how many repetitions it passed, in words."""
+        if self.passed == self.of:
+            return "passed" if self.of == 1 else f"passed in all {self.of}"
+        return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
+
+
+def check_lines(repetitions: Iterable[Iterable[Check]]) -> list[CheckLine]:
+    """Return each check of several repetitions once.
+
+    Parameters
+    ----------
+    repetitions : iterable of iterable of Check
+        The checks of each repetition.
+
+    Returns
+    -------
+    list of CheckLine
+        In the order of first appearance.
+
+    Examples
+    --------
+    >>> leaning, upright = (Check("camera_roll", passed, 0.0, 0.0, "it leans") for passed in (False, True))
+    >>> [line.verdict for line in check_lines([[leaning], [upright]])]
+    ['failed in 1 of 2']
+    """
+    checks = [check for one in repetitions for check in one]
+    lines = []
+    for name in dict.fromkeys(check.check for check in checks):
+        mine = [check for check in checks if check.check == name]
+        worst = next((check for check in mine if not check.passed), mine[0])
+        lines.append(CheckLine(name.replace("_", " "), sum(each.passed for each in mine), len(mine), worst.message))
+    return lines
+
+
 class Readable:
     """Access to quantities by name, shared by measurements and twins."""
 
+    rig: str
     quantities: tuple[Quantity, ...]
+
+    def __repr__(self) -> str:
+        """What it is of, its first numbers, and what speaks against them: records have millions of characters."""
+        source = f", {self.source.name}" if isinstance(self, Measurement) else ""
+        first = self.quantities[:MOST_IN_REPR]
+        lines = [f"{_label(one)} = {reading(one.value, one.std_uncertainty, one.unit)}" for one in first]
+        lines = [f"{line}{', doubtful' if one.doubtful else ''}" for line, one in zip(lines, first, strict=True)]
+        if more := len(self.quantities) - len(first):
+            lines.append(f"{more} more: to_frame()")
+        lines += dict.fromkeys(f"doubtful: {one.doubtful}" for one in self.quantities if one.doubtful)
+        return "\n  ".join([f"<{type(self).__name__} of a {self.rig}{source}", *lines]) + ">"
 
     def quantity(self, name: str, method: str | None = None, **detail: Detail) -> Quantity:
         """Return the one quantity of that name.
@@ -319,7 +382,7 @@ class Evaluation:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Measurement(Readable):
     """Everything one repetition gave: quantities, checks, warnings, the record behind them, pictures to trust it by."""
 
@@ -371,6 +434,39 @@ class Measurement(Readable):
     def without_files(self) -> Measurement:
         """Return the measurement without the names of written files."""
         return replace(self, files={})
+
+
+def reworded(found: Result, change: Callable[[str], str] = reword) -> Result:
+    """Return a result, of a measurement or another, with its sentences in other words.
+
+    Parameters
+    ----------
+    found : Measurement, Twin, Comparison, ...
+        The result, a dataclass whose reasons, checks and warnings name options.
+    change : callable
+        Returns a sentence in other words.
+
+    Returns
+    -------
+    Measurement, Twin, Comparison, ...
+        The same with other words.
+
+    Examples
+    --------
+    >>> reworded(Evaluation((), warnings=("check --base",)), lambda text: text.replace("--", "")).warnings
+    ('check base',)
+    """
+    names = {field.name for field in fields(found)}
+    changed: dict[str, Any] = {}
+    for name in names & {"warnings", "remarks", "assumptions"}:
+        changed[name] = tuple(map(change, getattr(found, name)))
+    for name, sentence in (("quantities", "doubtful"), ("checks", "message")):
+        if name in names:
+            ones = getattr(found, name)
+            changed[name] = tuple(replace(one, **{sentence: change(getattr(one, sentence))}) for one in ones)
+    if isinstance(evaluation := getattr(found, "evaluation", None), Evaluation):
+        changed["evaluation"] = reworded(evaluation, change)
+    return replace(found, **changed)
 
 
 def _finite(value: float) -> float | None:

@@ -9,16 +9,26 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec
 
 import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Image, Mask
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, RigtwinError, Seen, UnreadableMedia, reword
+from rigtwin.lab.errors import (
+    BadInput,
+    Mark,
+    NothingToMeasure,
+    RigtwinError,
+    Seen,
+    UnreadableMedia,
+    rename_options,
+    reword,
+)
+from rigtwin.lab.quantity import Measurement, reworded
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.measure.drawing import (
     ORANGE,
@@ -40,7 +50,6 @@ from rigtwin.measure.media.video import open_video
 from rigtwin.measure.robust import mad_std
 
 P = ParamSpec("P")
-T = TypeVar("T")
 
 SMALLEST, LARGEST = 700, 1600  # [px], longest side of the picture: text is legible, details of a photo are kept
 MOST_NAMED = 4  # stated places that a message lists
@@ -49,7 +58,7 @@ LEAST_CHANGE = 12.0  # [grey levels], between two frames; codecs change still re
 ABOVE_NOISE = 6.0  # of the noise between frames; the largest of a dozen noisy values reaches 4
 
 
-def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
+def shows_refusals(measure: Callable[P, Measurement]) -> Callable[P, Measurement]:
     """Let a refused measurement leave a picture of what was seen, and name it at the end of the message.
 
     Parameters
@@ -61,11 +70,12 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
     -------
     callable
         The same function. Without a folder, or for a medium that cannot be decoded, the message stays as it is. A
-        measurement that succeeds removes the picture of an earlier refusal.
+        measurement that succeeds removes the picture of an earlier refusal; where its reasons, checks and warnings name
+        a stated place, they have its value.
     """
 
     @wraps(measure)
-    def shown(*args: P.args, **kwargs: P.kwargs) -> T:
+    def shown(*args: P.args, **kwargs: P.kwargs) -> Measurement:
         given, camera, out = args[0], args[1], kwargs.get("out")
         media = [each for each in (given if isinstance(given, Sequence) else [given]) if isinstance(each, Path)]
         try:
@@ -83,9 +93,23 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
         if isinstance(out, Path):
             for medium in media:
                 picture_of(medium, out).unlink(missing_ok=True)
-        return found
+        return _with_values(found, camera)
 
     return shown
+
+
+def _with_values(found: Measurement, camera: object) -> Measurement:
+    """The measurement with the value of each stated place that one of its sentences names without one."""
+    cameras = [each for each in (camera if isinstance(camera, Sequence) else [camera]) if isinstance(each, Camera)]
+    stated: dict[str, set[str]] = {}
+    for option in dict.fromkeys(option for each in cameras for option in each.stated_options):
+        stated.setdefault(option.split()[0], set()).add(option)
+    clear = {name: "".join(options) for name, options in stated.items() if len(options) == 1}  # the same in all views
+
+    def valued(name: str, value: str) -> str | None:
+        return None if value else clear.get(f"--{name.replace('_', '-')}")
+
+    return reworded(found, partial(rename_options, instead=valued))
 
 
 def _with_lost_end(media: Sequence[Path], error: NothingToMeasure) -> str:

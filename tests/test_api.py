@@ -77,11 +77,22 @@ def test_a_twin_has_values_and_a_table():
         (lambda: rigtwin.measure("dropp", CLIP), "did you mean 'drop'"),
         (lambda: rigtwin.measure("drop", CLIP, CLIP), "give one clip"),
         (lambda: rigtwin.measure("drop", CLIP, bead_diameter="6"), "^bead_diameter: "),
+        (lambda: rigtwin.measure("drop", CLIP, bead_diameter=6), "^bead_diameter: 6.0 is 6 m, no bead's diameter"),
+        (lambda: rigtwin.measure("pile", CLIP, base_diameter=90.0), "^base_diameter: 90.0 is 90 m, no length"),
+        (lambda: rigtwin.measure("drop", CLIP, bead_diameter=math.nan), "^bead_diameter: nan is not a finite number"),
+        (lambda: rigtwin.simulate("pendulum", length=0.2, release_angle=45), "^release_angle: 45.0 is 2578 degrees"),
         (lambda: rigtwin.measure("drum", CLIP, averaged="no"), "^averaged: 'no' is neither True nor False"),
         (lambda: rigtwin.simulate("pile", base_diameter="90 mm", count=1.5), "^count: .*whole number"),
         (lambda: rigtwin.simulate("tilt", variant="slid"), "did you mean 'slide'"),
         (lambda: rigtwin.simulate("drop"), "^drop_height: is missing"),
         (lambda: rigtwin.simulate("drum", rolling=1), "did you mean 'rolling_model'"),
+        (lambda: rigtwin.measure("drop", CLIP, out=3), "^out: 3 is not the name of a file or folder"),
+        (lambda: rigtwin.measure("drop", 3), "^media: 3 is not the name of a file"),
+        (lambda: rigtwin.measure("drop", CLIP, plate=3), "^plate: '3' is not of the form"),
+        (lambda: rigtwin.open_lab(3), "^folder: 3 is not the name of a file"),
+        (lambda: rigtwin.open_lab(SAMPLES).compare(runs=0), "^runs: 0 is not a whole number from 1 to 10000"),
+        (lambda: rigtwin.open_lab(SAMPLES).compare(out=3), "^out: 3 is not the name of a file or folder"),
+        (lambda: rigtwin.open_lab(SAMPLES).compare(cluster=3), "^cluster: 3 is not a text"),
         (lambda: rigtwin.open_lab(SAMPLES).compare(run=3), "there is no 'run'; did you mean 'runs'"),
         (lambda: rigtwin.open_lab(SAMPLES).compare(rolling_model="type A"), "^rolling_model: there is no 'type A'"),
         (lambda: rigtwin.open_lab(SAMPLES).compare(model=7), "^model: 7 is not the name of a file"),
@@ -93,6 +104,23 @@ def test_a_twin_has_values_and_a_table():
 def test_refusals_name_the_keyword(call, words):
     with pytest.raises(BadInput, match=words):
         call()
+
+
+def test_doubts_and_warnings_name_the_keyword():
+    found = rigtwin.measure("drop", CLIP, frame_rate="120 Hz", bead_diameter="6.2 mm")
+    said = [*found.warnings, *(one.message for one in found.checks), *(one.doubtful for one in found.quantities)]
+    assert any("leave out frame_rate." in sentence for sentence in said)
+    assert not any("--" in sentence for sentence in said)
+
+
+def test_a_measurement_shows_its_numbers_and_doubts_and_no_records(drop):
+    assert repr(drop).startswith("<Measurement of a drop, r01.mp4")
+    assert "restitution_wall (velocity, bounce=1) = 0.41" in repr(drop)
+    assert "doubtful" not in repr(drop)
+    wrong = rigtwin.measure("drop", CLIP, frame_rate="120 Hz", bead_diameter="6.2 mm")
+    assert "mm, doubtful\n" in repr(wrong)
+    assert len(repr(drop)) < 2000
+    assert len(repr(rigtwin.simulate("drop", particle="D6", wall="steel", drop_height=0.2))) < 2000
 
 
 def test_a_lab_is_opened_with_its_experiments():

@@ -45,10 +45,10 @@ from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.formatting import title
 from rigtwin.lab.materials import PARAMETERS, pair
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.quantity import Quantity, in_a_row
 from rigtwin.lab.rig_quantities import quantities_of
 
 if TYPE_CHECKING:
-    from rigtwin.lab.quantity import Quantity
     from rigtwin.sim.engine.contact import Rolling
 
 RANGES = {"static_friction": (0.05, 1.2), "rolling_friction": (0.003, 0.5)}
@@ -187,14 +187,15 @@ def calibrate_lab(
     quantities = {name: found.quantities for name, found in measured.items()}
     targets = {one.id: _targets(one, quantities[one.id], reading or {}) for one in bulk}
     if not any(targets[one.id] for one in fitted):
-        raise BadInput(f"{lab.path}: {'; '.join(_without_result(one, quantities[one.id]) for one in fitted)}.")
+        raise BadInput(f"{lab.path}: {'; '.join(_without_result(measured[one.id]) for one in fitted)}.")
     left_out = [*remarks]
     left_out += [
-        f"{one.id} was not fitted: {_without_result(one, quantities[one.id])}" for one in fitted if not targets[one.id]
+        f"{one.id} was not fitted: {_without_result(measured[one.id])}" for one in fitted if not targets[one.id]
     ]
     left_out += [
         f"{name}: {failure.source.name} was left out: {failure.message}"
         for name, found in measured.items()
+        if targets.get(name) != []  # else it is said there
         for failure in found.failures
     ]
     fitted = [one for one in fitted if targets[one.id]]
@@ -378,12 +379,20 @@ def _unused(
                 )
 
 
-def _without_result(experiment: Experiment, measured: Sequence[Quantity]) -> str:
-    """What was measured in an experiment without a target, and what could be fitted."""
+def _without_result(measured: Measured) -> str:
+    """Why an experiment has no target: what could be fitted, what was measured, and what was not, with the reasons."""
+    experiment = measured.experiment
     known = [name for name in quantities_of(experiment.rig) if is_result(name, None)]
     usable = f"of a {experiment.rig_name}: {', '.join(known)}, the mean of both sides and not doubtful"
-    found = ", ".join(dict.fromkeys(_of_side(one) for one in measured if one.quantity in quantities_of(experiment.rig)))
-    return f"nothing that can be fitted was measured in {experiment.id} ({usable}; measured: {found or 'nothing else'})"
+    of_rig = [one for one in measured.quantities if one.quantity in quantities_of(experiment.rig)]
+    found = ", ".join(dict.fromkeys(map(_of_side, of_rig))) or "nothing"
+    why = [f"{failure.source.name} was not measured: {failure.message}" for failure in measured.failures]
+    why += [f"doubtful: {one.doubtful}" for one in of_rig if one.doubtful]
+    reasons = in_a_row(why)
+    return (
+        f"nothing that can be fitted was measured in {experiment.id} ({usable}; measured: {found})"
+        f"{': ' if reasons else ''}{reasons}"
+    )
 
 
 def _of_side(one: Quantity) -> str:

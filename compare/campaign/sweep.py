@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
@@ -37,6 +37,7 @@ from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.schema import ExperimentEntry, suggestion
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.rigs import SETTINGS
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling
@@ -136,12 +137,14 @@ def _entry(rig: str, stated: Sequence[str], particle: str, wall: str | None) -> 
         entry: ExperimentEntry = TypeAdapter(ExperimentEntry).validate_python(keys)
     except ValidationError as error:
         mine = [one for one in error.errors() if str(one["loc"][0]).lower().startswith(rig)]
-        first = (mine or error.errors())[0]
+        # a misspelt key is what makes another one missing
+        first = min(mine or error.errors(), key=lambda one: one["type"] != "extra_forbidden")
         key, why = str(first["loc"][-1]), str(first["msg"]).removeprefix("Value error, ").rstrip(".")
         if first["type"] == "missing":
             why = "this setting is missing (it is given here also where --vary varies it)"
         elif first["type"] == "extra_forbidden":
-            why = f"a {rig} has no such setting"
+            settings = [field.name for field in fields(SETTINGS[rig])]
+            raise BadInput(f"--set: {key}: a {rig} has no such setting; {suggestion(key, settings)}.") from None
         raise BadInput(f"--set: {key}: {why}; the settings are the keys of a {rig} in lab.toml.") from None
     for key, why in entry.faults():
         raise BadInput(f"--set: {key}: {why}")

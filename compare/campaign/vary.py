@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_h
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.schema import ExperimentEntry, InSi, suggestion
-from rigtwin.lab.materials import PARAMETERS, Particle, scaled
+from rigtwin.lab.materials import PARAMETERS, Particle, no_bead_has, no_bead_is, scaled
 from rigtwin.lab.units import DIMENSIONS, si
 
 if TYPE_CHECKING:
@@ -31,6 +31,9 @@ MOST_POINTS = 10_000  # of a design; more were not meant
 
 OF_PARTICLE = {"diameter": "length", "density": "density", "scale": "number", "youngs_modulus": "pressure"}
 """Parameters of the particle; `scale` multiplies all its lengths and keeps its mass."""
+
+IMPOSSIBLE = {"diameter": no_bead_is, "density": no_bead_has}
+"""What is odd about a value of a particle, empty where nothing is."""
 
 
 class Setting(NamedTuple):
@@ -371,6 +374,8 @@ def _value(name: str, text: str, experiment: Experiment, option: str) -> float:
         zero_is_possible = of_contact(name).endswith("friction")
         if value < 0 or (value == 0 and not zero_is_possible) or (of_contact(name) == "restitution" and value > 1):
             raise BadInput(f"{option}: {name} cannot be {text}.")
+        if name in IMPOSSIBLE and (odd := IMPOSSIBLE[name](value)):
+            raise BadInput(f"{option}: {name} {text}: {odd}")
         return value
     from pydantic import TypeAdapter, ValidationError
 

@@ -593,7 +593,10 @@ def in_words(location: Location | None) -> str:
     if not location.tested:
         return "not tested: no region is seen in two repetitions of a condition"
     if not location.found:
-        return f"nowhere: in none of {location.tested} regions is the mean residual significant"
+        return (
+            f"in no single region: none of {location.tested} has a significant mean residual by itself; an effect is "
+            "judged by the fit of all together"
+        )
     experiments = dict.fromkeys(one.experiment for one in location.found)
     regions = dict.fromkeys(one.region for one in location.found)
     top = location.found[0]

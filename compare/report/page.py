@@ -18,7 +18,7 @@ from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.formatting import percent, reading, siblings, title, uncertainty, z_score
-from rigtwin.lab.quantity import Check, Measurement
+from rigtwin.lab.quantity import Measurement, check_lines
 from rigtwin.lab.rigs import SETTINGS
 
 if TYPE_CHECKING:
@@ -58,23 +58,6 @@ class Bar:
     dot: float
     low: float
     high: float
-
-
-@dataclass(frozen=True)
-class CheckLine:
-    """One self-check over all repetitions."""
-
-    name: str
-    passed: int
-    of: int
-    message: str
-
-    @property
-    def verdict(self) -> str:
-        """In how many repetitions it passed, in words."""
-        if self.passed == self.of:
-            return "passed" if self.of == 1 else f"passed in all {self.of}"
-        return "failed" if self.passed == 0 else f"failed in {self.of - self.passed} of {self.of}"
 
 
 def drawn_figures(comparison: Comparison) -> dict[str, list[FigureFile]]:
@@ -161,8 +144,8 @@ def _section(outcome: Outcome, out: Path, drawn: Sequence[FigureFile]) -> dict[s
         "more_stills": more,
         "table": _table(primary, f"Deviations of {experiment.id}"),
         "more_rows": _table(rest, f"More deviations of {experiment.id}") if rest else None,
-        "checks": list(_check_lines([item.checks for item in outcome.measurements])),
-        "twin_checks": list(_check_lines([twin.evaluation.checks for twin in outcome.twins])),
+        "checks": check_lines(item.checks for item in outcome.measurements),
+        "twin_checks": check_lines(twin.evaluation.checks for twin in outcome.twins),
         "warnings": outcome.warnings,
         "budgets": list(_budgets(outcome.deviations)),
         "repetitions": [_repetition(item, out) for item in outcome.measurements],
@@ -181,8 +164,9 @@ def _table(rows: Sequence[Deviation], name: str) -> dict[str, Any]:
 
 def _notes(row: Deviation) -> list[str]:
     doubtful = f"Doubtful: {row.doubtful}." if row.doubtful else ""
+    failed = f"Failed checks of the measurement: {row.failed_check}." if row.failed_check and not doubtful else ""
     note = f"{row.note[:1].upper()}{row.note[1:]}." if row.note else ""
-    return [text for text in (doubtful, note) if text]
+    return [text for text in (doubtful, failed, note) if text]
 
 
 def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
@@ -320,15 +304,6 @@ def _embedded(path: Path) -> dict[str, Any]:
     _, packed = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 86])
     data = base64.b64encode(packed.tobytes()).decode("ascii")
     return {"source": f"data:image/jpeg;base64,{data}", "wide": width > height}
-
-
-def _check_lines(repetitions: Sequence[Sequence[Check]]) -> Iterable[CheckLine]:
-    """Each check once, with the message of a failed repetition if there is one."""
-    names = dict.fromkeys(check.check for checks in repetitions for check in checks)
-    for name in names:
-        mine = [check for checks in repetitions for check in checks if check.check == name]
-        worst = next((check for check in mine if not check.passed), mine[0])
-        yield CheckLine(name.replace("_", " "), sum(check.passed for check in mine), len(mine), worst.message)
 
 
 def _budgets(rows: Sequence[Deviation]) -> Iterable[dict[str, Any]]:

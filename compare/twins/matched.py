@@ -142,7 +142,7 @@ def twin_of(
         if kept_in is not None:
             decides = {"seed": seed, "threads": threads, "effects": model.effects, **chosen}
             numerics["checkpoint"] = _checkpoint(kept_in, experiment, contacts, count, decides)
-    with naming_lab_keys(experiment.rig_name, experiment.particle.name):
+    with naming_lab_keys(experiment.rig_name, experiment.particle_place):
         twin = entry.twin(
             experiment,
             contacts,

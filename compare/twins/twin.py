@@ -29,7 +29,7 @@ from rigtwin.lab.records import (
 from rigtwin.lab.rigs import Rig
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Twin(Readable):
     """Result of the simulated counterpart of an experiment."""
 

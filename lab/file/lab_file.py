@@ -71,6 +71,14 @@ class Experiment:
     """Files that lab.toml names but rejects, which are not in `repetitions`, and why."""
     with_rejected: tuple[Views, ...] = ()
     """`repetitions` with the rejected files in their places."""
+    own_particle: bool = True
+    """Whether lab.toml describes the particle; else it is taken from the published reference."""
+
+    @property
+    def particle_place(self) -> str:
+        """Where the particle is described, in words."""
+        name = self.particle.name
+        return f"[particles.{name}]" if self.own_particle else f"{name} (taken from the reference)"
 
     def camera_of(self, view: Path) -> Camera:
         """Return what is stated of the camera of one file.
@@ -396,6 +404,7 @@ def _experiment(
         {folder / name: file.over(entry.camera).camera(folder) for name, file in entry.files.items()},
         rejected,
         tuple(repetitions),
+        entry.particle in inventory.file.particles,
     )
 
 

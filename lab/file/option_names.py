@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from functools import cache, partial
 from typing import get_args
 
-from rigtwin.lab.errors import rename_options, reword, reworded_refusals
+from rigtwin.lab.errors import rename_options, reworded_refusals
 from rigtwin.lab.file.schema import ExperimentEntry, ParticleEntry, keys_of_camera
-from rigtwin.lab.quantity import Measurement
 
 _OF_PARTICLE = "bead_"  # options of the particle begin with it, its keys do not
 
@@ -24,7 +22,7 @@ def in_keys(text: str, rig: str, particle: str) -> str:
     rig : str
         Rig of the experiment.
     particle : str
-        Name of its particle.
+        Where its particle is described, in words.
 
     Returns
     -------
@@ -33,7 +31,7 @@ def in_keys(text: str, rig: str, particle: str) -> str:
 
     Examples
     --------
-    >>> in_keys("state it with --base x1,y1,x2,y2, or give --bead-diameter 6 mm and --out", "pile", "D6")
+    >>> in_keys("state it with --base x1,y1,x2,y2, or give --bead-diameter 6 mm and --out", "pile", "[particles.D6]")
     'state it with base "x1,y1,x2,y2", or give diameter "6 mm" of [particles.D6] and --out'
     """
     return rename_options(text, partial(_key, rig, particle))
@@ -44,7 +42,7 @@ def _key(rig: str, particle: str, name: str, value: str) -> str | None:
         return f"{name}{value}"
     short = name.removeprefix(_OF_PARTICLE)
     if short != name and short in ParticleEntry.model_fields:
-        return f"{short}{value} of [particles.{particle}]"
+        return f"{short}{value} of {particle}"
     return None
 
 
@@ -61,7 +59,7 @@ def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:
     Parameters
     ----------
     rig, particle : str
-        Rig of the experiment, and name of its particle.
+        Rig of the experiment, and where its particle is described, in words.
 
     Returns
     -------
@@ -69,24 +67,3 @@ def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:
         Within it refusals name keys of lab.toml.
     """
     return reworded_refusals(partial(in_keys, rig=rig, particle=particle))
-
-
-def reworded_measurement(found: Measurement) -> Measurement:
-    """Return a measurement whose sentences are `reword`.
-
-    Parameters
-    ----------
-    found : Measurement
-        The measurement, whose sentences name options.
-
-    Returns
-    -------
-    Measurement
-        The same with other words.
-    """
-    return replace(
-        found,
-        quantities=tuple(replace(one, doubtful=reword(one.doubtful)) for one in found.quantities),
-        checks=tuple(replace(one, message=reword(one.message)) for one in found.checks),
-        warnings=tuple(map(reword, found.warnings)),
-    )

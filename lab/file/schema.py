@@ -963,8 +963,12 @@ class _ExperimentEntry(_Entry):
         return kind(**{field.name: getattr(self, field.name) for field in fields(kind)})
 
     def faults(self) -> Iterable[tuple[str, str]]:
-        """Keys of the rig that do not go together, and why."""
-        return ()
+        """Yield keys of the rig that do not go together, and why."""
+        settings = self.settings()
+        for name in sorted(settings.idle & self.model_fields_set):
+            other = settings.only_of[name]
+            variant = getattr(settings, "variant", None)
+            yield name, f'is of variant = "{other}" and not used with variant = "{variant}"; leave it out.'
 
 
 class UncertaintyEntry(_Entry):
@@ -1024,6 +1028,9 @@ class PendulumEntry(_ExperimentEntry):
 
     def faults(self) -> Iterable[tuple[str, str]]:
         """Yield keys of a pendulum that do not go together, and why."""
+        yield from super().faults()
+        if self.hanger == "string" and self.rod_mass > 0:
+            yield "rod_mass", 'is of hanger = "rod" and not used with hanger = "string"; leave it out.'
         if self.variant == "wall" and self.wall is None:
             yield "wall", 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".'
         if self.variant == "double" and self.wall is not None:
@@ -1075,6 +1082,7 @@ class PileEntry(_ExperimentEntry):
 
     def faults(self) -> Iterable[tuple[str, str]]:
         """Yield keys of a pile that do not go together, and why."""
+        yield from super().faults()
         if self.variant != "emptying":
             return
         if self.drain_diameter is None:

@@ -236,14 +236,18 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
     if bead is not None and source != "bead diameter":
         checks.append(size_seen(2 * bed.bead_seen * scale / NEARER, bead, MISFIT, source))
     within = same or bed.beyond < MOST_BEYOND
-    ending = "." if within else ": check the walls in the overlay; --cylinder states them."
+    known = bed.stated.walls is not None
+    ending = (
+        "." if within else f": check {'--cylinder' if known else 'the walls in the overlay; --cylinder states them'}."
+    )
     ending = "; the gauge confirms the distance of the walls." if same else ending
-    message = f"{100 * bed.beyond:.0f} % of the beads lie outside the cylinder's walls as found{ending}"
+    walls = f"the cylinder's walls as {'stated' if known else 'found'}"
+    message = f"{100 * bed.beyond:.0f} % of the beads lie outside {walls}{ending}"
     checks.append(Check("walls", within, bed.beyond, 0.0, message))
     if bed.stated.walls is not None or bed.stated.floor is not None:
         apart, way = abs(bed.floor_apart), "below" if bed.floor_apart > 0 else "above"
         message = f"the stated floor lies {apart:.1f} standard uncertainties {way} the foot of the grains that are seen"
-        ending = "." if apart < FLOOR_APART else ": check the floor or the walls that were stated."
+        ending = "." if apart < FLOOR_APART else f": check {bed.stated.options}."
         checks.append(Check("stated_floor", apart < FLOOR_APART, bed.floor_apart, 0.0, message + ending))
     slants = abs(bed.narrowing) > MOST_NARROWING
     message = f"the bed is {100 * abs(bed.narrowing):.0f} % {'narrower' if bed.narrowing > 0 else 'wider'} at its foot"

@@ -75,6 +75,12 @@ class Stated:
     floor: float | None = None  # row of the floor on the axis
     sigma: float = STATED_SIGMA
 
+    @property
+    def options(self) -> str:
+        """The options that state the floor, empty where it is found."""
+        given = {"--floor": self.floor, "--cylinder": self.walls}
+        return " and ".join(option for option, value in given.items() if value is not None)
+
     def zoomed(self, zoom: float) -> Stated:
         """The same in a picture with `zoom` px per px of the photo."""
         left, right = self.walls or ((0.0, 0.0), (0.0, 0.0))
@@ -585,7 +591,9 @@ def _judged(bed: Bed, cut_off: bool, alike: FloatImage) -> Bed | NoBed:
     if cut_off:
         flaw = "the bed reaches the lower edge of the picture, so the floor is not visible"
     elif _grains_below(bed, alike) > MOST_BELOW:
-        flaw = "grains are seen below the floor as found: something stands before the foot of the bed, or mirrors it"
+        floor = f"stated floor ({bed.stated.options})" if bed.stated.options else "floor as found"
+        flaw = f"grains are seen below the {floor}: something stands before the foot of the bed, or mirrors it"
+        flaw += ", or the floor lies lower" if bed.stated.options else ""
     elif bed.gauge is not None and not bed.gauge.first - bed.bead_radius < middle < bed.gauge.last + bed.bead_radius:
         flaw = "the gauge's graduations are hidden at the height of the surface: something may be in front of both"
     elif by_zero and bed.gauge is not None and float(bed.gauge.reading(bed.gauge.lowest)) > ENDS_ABOVE:

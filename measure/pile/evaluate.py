@@ -100,7 +100,7 @@ def evaluate_views(
     warnings: list[str] = []
     doubtful: list[bool] = []
     for number, seen in enumerate(observations):
-        grain = bead_diameter or seen.grain
+        grain = _grain(seen, bead_diameter)
         heap = repose_angles.find_parts(seen.profile, base_diameter, grain)
         if heap is None:
             known = seen.profile.height[np.isfinite(seen.profile.height) & np.isfinite(seen.profile.x)]
@@ -146,6 +146,13 @@ def evaluate_views(
     if base_diameter is not None and bead_diameter is not None:
         warnings += narrow_base(base_diameter, bead_diameter)
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
+
+
+def _grain(seen: Observation, stated: float | None) -> float | None:
+    """Bead diameter in the unit of the profile: as beads look where that contradicts the `stated` one."""
+    if stated is None:
+        return seen.grain
+    return stated * next((one.value for one in seen.checks if one.check == "bead_size" and not one.passed), 1.0)
 
 
 def _angles(

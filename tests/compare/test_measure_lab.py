@@ -260,6 +260,20 @@ def test_a_doubtful_repetition_that_no_mean_counts_is_named(lab, tmp_path, capsy
     assert "drop: r3.csv is doubtful and excluded from the mean of" in said
 
 
+def test_a_failed_check_stands_beside_rows_that_do_not_rest_on_it(lab, capsys):
+    for number in (1, 2, 10):
+        (lab / "drops" / f"r{number}.csv").write_text(falls(0.5 + number / 100, clock=1.3))
+    assert run(["measure", str(lab), "--only", "drop"]) == 0
+    out = capsys.readouterr().out
+    ratios = {line.split("(")[1].split(")")[0]: line for line in out.splitlines() if "Restitution" in line}
+    assert {method: line.split("│")[-2].strip() for method, line in ratios.items()} == {
+        "velocity": "doubtful",
+        "height": "check failed",
+    }
+    assert out.count("instead of 9.81") == 1
+    assert {row.failed_check for row in measure_lab(lab, lab / "out", only=["drop"]).means} == {"gravity"}
+
+
 def test_a_mean_has_the_same_uncertainty_with_and_without_a_comparison(lab, tmp_path):
     (lab / "lab.toml").write_text(LAB.replace('particle = "D6"', 'particle = "own"'))
     with (lab / "lab.toml").open("a") as file:

@@ -180,7 +180,23 @@ def test_a_stated_value_replaces_that_of_the_media_by_the_same_method_only(tmp_p
     assert (theirs.quantity, theirs.method, theirs.measured_n) == ("bed_height", "outline", 2)
     assert len(of_media) == len(both.deviations) > 2
     (said,) = [text for text in both.outcomes[0].warnings if "stated in lab.toml" in text]
-    assert "those of 2 repetitions are not used" in said
+    assert "stated in lab.toml as 15.00 ± 0.10 mm; the mean of 2 repetitions, 14." in said
+    assert "contradict" not in said
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize(
+    ("height", "contradicts"), [("1.40 +- 0.05 mm", True), ("14.50 +- 0.50 mm", False), ("140.0 +- 5.0 mm", True)]
+)
+def test_a_stated_value_that_the_media_contradict_is_named_with_the_measured_one(tmp_path, capsys, height, contradicts):
+    value = f'bed_height = {{ value = "{height}", method = "outline" }}'
+    lab = write(tmp_path / "lab", BED + 'repetitions = ["r1.csv"]\n' + stated(value))
+    (lab / "r1.csv").write_text(profile(14))
+    assert run(["measure", str(lab)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"stated in lab.toml as {height.split()[0]}" in said
+    assert "that of a repetition, 14.1" in said
+    assert ("contradict each other" in said) == contradicts
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -131,8 +131,8 @@ def test_a_measurement_removes_the_picture_of_an_earlier_refusal(tmp_path):
 @pytest.mark.parametrize(
     ("rig", "place", "option"),
     [
-        ("drum", {"circle": "100,100,60"}, 'circle "100,100,60"'),
-        ("drop", {"plate": "20,200,300,201"}, 'plate "20,200,300,201"'),
+        ("drum", {"circle": "100,100,60"}, 'circle="100,100,60"'),
+        ("drop", {"plate": "20,200,300,201"}, 'plate="20,200,300,201"'),
     ],
 )
 def test_a_refusal_names_what_was_stated_with_its_value(rig, place, option, film, tmp_path):

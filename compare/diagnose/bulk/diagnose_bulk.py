@@ -260,7 +260,10 @@ def where_in_words(found: Sequence[Disagreement], tested: int) -> str:
         The sentence.
     """
     if not found:
-        return f"nowhere: none of {tested} numbers differs by more than {FAR:g} standard uncertainties"
+        return (
+            f"in no single number: none of {tested} differs by more than {FAR:g} standard uncertainties by itself; an "
+            "effect is judged by the fit of all together"
+        )
     conditions = list(dict.fromkeys(one.experiment for one in found))
     top = found[0]
     return (

@@ -316,6 +316,22 @@ def test_what_was_measured_but_cannot_be_fitted_is_named(tmp_path, capsys):
     assert "measured: pile_height, left angle_of_repose_graphical" in said
 
 
+@pytest.mark.usefixtures("in_this_process")
+def test_the_reason_is_named_where_nothing_was_measured(tmp_path, capsys):
+    rows = [f"{x / 1e3},{max(0.0, 0.02 - abs(x) * 4e-4) if x < 0 else 0.0:.5f}" for x in range(-45, 46)]
+    (tmp_path / "heap.csv").write_text("\n".join(["x_m,height_m", *rows]))  # a half of a heap
+    (tmp_path / "flat.csv").write_text("x_m,height_m\n" + "\n".join(f"{x / 1e3},0" for x in range(-45, 46)))
+    (tmp_path / "lab.toml").write_text(
+        HEAP + 'repetitions = ["heap.csv"]\n' + HEAP.replace('"heap"', '"flat"') + 'repetitions = ["flat.csv"]\n'
+    )
+    assert run(["calibrate", str(tmp_path)]) == 2
+    heap, flat = " ".join(capsys.readouterr().err.split()).split("was measured in flat")
+    assert "nothing that can be fitted was measured in heap" in heap
+    assert "measured: left angle_of_repose_graphical" in heap
+    assert "flat.csv was not measured: " in flat
+    assert "shows no heap" in flat
+
+
 def test_a_setting_of_another_variant_is_no_parameter(tmp_path, capsys):
     measured = 'measured.angle_of_repose_graphical = "30 +- 1 deg (n = 5)"'
     (tmp_path / "lab.toml").write_text(HEAP + measured, encoding="utf-8")

@@ -2,14 +2,16 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from rigtwin.cli import run
+from rigtwin.commands.sweep import show
 from rigtwin.compare.campaign.campaign import run_all
-from rigtwin.compare.campaign.sweep import stated_setting
+from rigtwin.compare.campaign.sweep import Sweep, stated_setting
 from rigtwin.compare.campaign.sweep_figures import figures
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_from, twin_run
 from rigtwin.compare.campaign.vary import at, parse, points
@@ -165,6 +167,25 @@ def drawn_row(quantity, method="tops", unit="1", simulated=0.5, **more):
     return {"quantity": quantity, "method": method, "unit": unit, "simulated": simulated, "simulated_std": None, **more}
 
 
+def test_a_printed_sweep_marks_doubtful_numbers_and_tells_bounces_apart(bed, capsys):
+    varied = tuple(parse(f"{name}=0.2,0.4", bed.experiment) for name in ("static_friction", "rolling_friction"))
+    rows = [
+        {"static_friction": k, "rolling_friction": 0.2, **drawn_row("restitution_wall", "height", **more)}
+        for k in (0.2, 0.4)
+        for more in (
+            {"bounce": 1, "simulated": k, "doubtful": "too few frames" if k == 0.4 else ""},
+            {"bounce": 2, "simulated": k + 1, "doubtful": ""},
+        )
+    ]
+    for number in (1, 2):  # a list, and a table of two parameters
+        show(Sweep(bed, varied[:number], (), tuple(rows), {}, 2, {"sweep.csv": Path("out/sweep.csv")}), False, False)
+        first, second = capsys.readouterr().out.split("restitution_wall, bounce 2 (height)")
+        assert first.startswith("restitution_wall, bounce 1 (height) in 1\n")
+        assert "0.4 doubtful" in first
+        assert "0.2 doubtful" not in first
+        assert "doubtful" not in second.split("doubtful: too few frames")[0]
+
+
 def test_each_figure_has_a_name_of_its_own(bed):
     varied = [parse("static_friction=0.2,0.4", bed.experiment)]
     rows = [
@@ -252,7 +273,16 @@ def test_bad_input_is_one_sentence_and_nothing_is_written(tmp_path, capsys):
         (["sweep", "packing", "--vary", "static_friction=0.1,0.2"], "cylinder_diameter: this setting is missing"),
         (["sweep", "packing", *BED, "--set", "width=3mm", "--vary", "count=5,6"], "has no such setting"),
         (["sweep", "packing", *BED, "--vary", "cylinder_diameter=5mm,40mm"], "there is no twin"),
+        (
+            ["sweep", "packing", "--set", "cylinder_diametr=4cm", "--vary", "count=5,6"],
+            "did you mean 'cylinder_diameter'",
+        ),
+        (["sweep", "packing", *BED, "--vary", "diameter=6,7"], "diameter 6: the particle would be 6 m wide"),
         (["sweep", "nolab", "--vary", "count=5,6"], "no such file"),
+        (
+            ["sweep", "packin", *BED, "--vary", "count=5,6"],
+            "packin: no such file or folder, and no such rig; did you mean",
+        ),
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--cluster", "abc"], "neither the address"),
         (["sweep", "packing", *BED, "--vary", "count=5,6", "--vary", "count=7,8"], "given twice"),
         (

@@ -24,7 +24,7 @@ from rigtwin.compare.diagnose.models.sensitivities import slopes
 from rigtwin.compare.diagnose.page import page
 from rigtwin.compare.diagnose.selection import formula
 from rigtwin.compare.diagnose.selection.gap import beside, gap
-from rigtwin.compare.diagnose.selection.locate import holm, locate
+from rigtwin.compare.diagnose.selection.locate import Location, holm, locate
 from rigtwin.compare.diagnose.selection.name_effects import Naming
 from rigtwin.compare.diagnose.selection.next_experiment import Setting, designs, separation
 from rigtwin.compare.report.methods_text import Methods
@@ -902,3 +902,9 @@ def test_an_effect_that_gains_nothing_closes_nothing_of_a_gap_in_restitution(tmp
     (held,) = beside(bench, base, sizes, best, [(other, base.deviance - other.deviance)], "")
     assert held.gain < 2
     assert held.gap_after == pytest.approx(sizes.before, abs=0.002)
+
+
+def test_no_region_that_disagrees_by_itself_is_not_said_to_be_no_disagreement():
+    words = in_words(Location((), 12, statistic=3.0, p=0.001, spread=1.0))
+    assert words.startswith("in no single region: none of 12")
+    assert "nowhere" not in words

@@ -11,7 +11,7 @@ from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lab_file import new_lab, read_lab
 from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.rigs import RIGS, DropSettings, PendulumSettings, PileSettings
+from rigtwin.lab.rigs import RIGS, DropSettings, HopperSettings, PendulumSettings, PileSettings
 
 LAB = """\
 [lab]
@@ -272,6 +272,14 @@ def test_each_experiment_names_the_pairs_that_touch_in_it(folder):
         ('"40 deg"', '"200 deg"', "experiment 2, release_angle", "200 deg", "at most"),
         ('"piling"', '"heaping"', "experiment 3, variant", "heaping", "'piling'"),
         ('"piling"', '"emptying"', "experiment 3, drain_diameter", '[[experiments]]\nid = "pile-1"', "missing"),
+        (
+            "count = 1000",
+            'lift_speed = "2 cm/s"',
+            "experiment 3, lift_speed",
+            "lift_speed",
+            'is of variant = "pouring" and not used with variant = "piling"',
+        ),
+        ('"40 deg"', '"40 deg"\nrod_mass = "2 g"', "experiment 2, rod_mass", "rod_mass", 'is of hanger = "rod"'),
         ('"Ash beads on steel"', "3", "lab.title", "title", "put it in quotes"),
         # missing and unknown keys, wrong shapes
         ('diameter = "6 mm"\n', "", "particles.oak-bead.diameter", "[particles.oak-bead]", 'diameter = "6.2 mm"'),
@@ -440,20 +448,26 @@ EITHER_OR = (
 )  # fmt: skip
 
 
-def test_every_commented_line_of_the_new_lab_is_valid_when_uncommented(tmp_path):
+@pytest.mark.parametrize(("heap", "shape"), [("piling", "slot"), ("pouring", "conical"), ("emptying", "slot")])
+def test_every_commented_line_of_the_new_lab_is_valid_when_uncommented(tmp_path, heap, shape):
     new_lab(tmp_path)
     with_media(tmp_path)
     path = tmp_path / "lab.toml"
     other = "|".join(EITHER_OR)  # what another line says already, or what needs a file
     text = re.sub(rf"^# (?!{other})(?=\w+ = )", "", path.read_text(), flags=re.M)
     text = re.sub(r"^wall = .*only with variant.*\n", "", text, flags=re.M)
+    text = text.replace('variant = "piling"', f'variant = "{heap}"').replace('variant = "slot"', f'variant = "{shape}"')
+    only_of = {**PileSettings.only_of, **HopperSettings.only_of}
+    others = [name for name, variant in only_of.items() if variant not in (heap, shape)]
+    text = re.sub(rf"^({'|'.join(others)}) = .*\n", "", text, flags=re.M)
     path.write_text(text)
     drop, pendulum, *_, pile, drum, hopper = read_lab(tmp_path).experiments
     assert drop.rig.drop_height == pytest.approx(0.3)
     assert drop.camera.end == Moment(1.5, "s")
     assert drop.scatter["restitution_wall"].relative == 0.05
     assert pendulum.rig.release_angle == pytest.approx(math.radians(45))
-    assert pile.rig.drain_diameter == pytest.approx(0.03)
+    assert (pile.rig.drain_diameter == pytest.approx(0.03)) == (heap == "emptying")
+    assert (hopper.rig.cone_height == pytest.approx(0.1)) == (shape == "conical")
     assert (drum.rig.fill, hopper.rig.outlet) == (0.35, pytest.approx(0.034))
 
 

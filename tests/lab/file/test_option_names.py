@@ -49,7 +49,7 @@ def drop(folder, *lines):
     ],
 )
 def test_an_option_is_its_key(option, key):
-    assert in_keys(option, "drop", "D6") == key
+    assert in_keys(option, "drop", "[particles.D6]") == key
 
 
 @pytest.mark.parametrize("rig", RIGS)
@@ -58,7 +58,7 @@ def test_every_option_that_states_something_of_a_film_is_a_key(rig):
     words = {word for option in command.params for word in option.opts if word.startswith("--")}
     # what is done with the results, and what a lab has in another form
     words -= {"--out", "--json", "--quiet", "--log", "--angle", "--sound"}
-    left = {word for word in words if in_keys(word, rig, "D6") == word}
+    left = {word for word in words if in_keys(word, rig, "[particles.D6]") == word}
     assert not left
 
 
@@ -88,3 +88,21 @@ def test_a_line_that_stands_upright_is_refused_with_the_line_of_the_file(tmp_pat
     )
     with pytest.raises(BadLabFile, match=r"line 10.*camera\.base: names points at 300,100 and 310,400"):
         read_lab(tmp_path)
+
+
+OWN = """
+[particles.D6]
+material = "wood_ash"
+diameter = "6.2 mm"
+"""
+
+
+@pytest.mark.parametrize(("own", "place"), [("", "D6 (taken from the reference)"), (OWN, "[particles.D6]")])
+def test_a_section_of_a_particle_is_named_where_there_is_one(tmp_path, capfd, own, place):
+    shutil.copy(MEDIA / "pile" / "view1.jpg", tmp_path)
+    (tmp_path / "lab.toml").write_text(
+        '[[experiments]]\nid = "heap"\nrig = "pile"\nvariant = "piling"\nparticle = "D6"\nwall = "steel"\n'
+        f'base_diameter = "900 mm"\nrepetitions = ["view1.jpg"]\n{own}'
+    )
+    assert run(["measure", str(tmp_path)]) == 0
+    assert f"check diameter of {place} and the scale" in " ".join(capfd.readouterr().out.split())

@@ -617,6 +617,7 @@ def test_a_stated_circle_that_the_picture_contradicts_makes_every_angle_doubtful
     said = f"% of the stated circle of radius {circle[2]:.0f} px .* % of the found circle of radius (99|100|101) px"
     for one in found.quantities:
         assert bool(re.search(said, one.doubtful)) == wrong, one.doubtful
+        assert (f"check --circle {','.join(f'{number:g}' for number in circle)}" in one.doubtful) == wrong
 
 
 def test_a_circle_that_does_not_fit_the_picture_is_refused(tmp_path: Path) -> None:

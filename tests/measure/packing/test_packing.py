@@ -708,6 +708,7 @@ def test_a_stated_floor_is_held_against_the_foot_of_the_grains(tmp_path, lower, 
     result = packing.measure([photo], camera, cylinder_diameter=CYLINDER, bead_diameter=BEAD)
     found = pick(result, "bed_height", "outline")
     assert ("the stated floor" not in found.doubtful) == passed
+    assert (f"check --floor {camera.floor:g}" in found.doubtful) != passed
 
 
 def test_a_stated_floor_moves_the_height_by_as_much(tmp_path):
