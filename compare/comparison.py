@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 from rigtwin.compare.curve_overlays import Overlay
 from rigtwin.compare.deviation import Deviation, summarized
 from rigtwin.compare.measure_repetitions import Failure, Measured
-from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.twins.twin import Twin
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.formatting import reading
 from rigtwin.lab.quantity import Measurement
 
 if TYPE_CHECKING:
@@ -50,7 +48,7 @@ class Outcome:
             *((f"measured without a twin: {self.without_twin}",) if self.without_twin else ()),
             *_failed_runs(self),
             *self.measured.warnings,
-            *_against_stated(self.experiment, self.measurements),
+            *entry_of(self.experiment).contradictions(self.experiment, self.measurements),
             *(
                 f"twin: {warning}"
                 for twin in self.twins
@@ -132,22 +130,3 @@ def _failed_runs(outcome: Outcome) -> Iterator[str]:
             yield f"run {number} of the twin failed and is not compared: {twin.failed}"
     for seed, why in outcome.lost_runs.items():
         yield f"the run of the twin with seed {seed} failed and is not compared: {why}"
-
-
-def _against_stated(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
-    """A warning for each repetition whose measured start, or another setting, differs from that in the lab file.
-
-    Possible causes are a wrong clip, a wrong scale, or a missed first bounce.
-    """
-    yield from entry_of(experiment).contradictions(experiment, measurements)
-    stated = stated_start(experiment)
-    if stated is None:
-        return
-    for item in measurements:
-        found = measured_start(experiment, item)
-        if found is not None and abs(found.value - stated) > max(0.1 * stated, 3 * found.std_uncertainty):
-            was, should = (reading(value, 0.0, found.unit) for value in (found.value, stated))
-            yield (
-                f"{item.source.name}: the measured {found.quantity.replace('_', ' ')} is {was}, but the lab file "
-                f"states {should}; either an early part of the motion was missed, or clip, scale or setting are wrong"
-            )

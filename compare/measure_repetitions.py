@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
@@ -14,17 +15,24 @@ from typing import Any
 from rigtwin.compare.deviation import MOMENTS, group, key_of, over_views
 from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.result_files import observation, relative
+from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.option_names import naming_lab_keys, reworded_measurement
-from rigtwin.lab.formatting import siblings, title
+from rigtwin.lab.formatting import reading, siblings, title
 from rigtwin.lab.input_files import unquoted
+from rigtwin.lab.materials import heavier_than_its_solid
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.tracked.table import is_table
+
+CERTAINLY = 4.0
+"""Standard uncertainties beyond which a film shows another setting than the stated one."""
+BY_HAND = 0.05
+"""Relative difference of a stated setting that hand and ruler explain."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +86,13 @@ class Measured:
     def warnings(self) -> tuple[str, ...]:
         """What was rejected, failed, doubtful or replaced, and the warnings of each repetition with its file's name."""
         return (
+            *filter(None, (heavier_than_its_solid(self.experiment.particle),)),
             *rejections(self.experiment),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
             *_left_out(self.measurements),
             *_replaced(self.experiment, self.measurements),
+            *_contradicted(self.experiment, self.measurements),
         )
 
     def observations(self, lab: Lab) -> list[dict[str, Any]]:
@@ -373,6 +383,23 @@ def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> It
             what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
             those = f"those of {number} repetitions are" if number > 1 else "that of a repetition is"
             yield f"{what} ({stated.method}) is stated in lab.toml; {those} not used"
+
+
+def _contradicted(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:
+    """A warning for each repetition whose start, drop height or release angle, is not the stated one."""
+    stated = stated_start(experiment)
+    if stated is None:
+        return
+    for item in measurements:
+        found = measured_start(experiment, item)
+        if found is None or found.doubtful:
+            continue
+        if abs(found.value - stated) > math.hypot(CERTAINLY * found.std_uncertainty, BY_HAND * stated):
+            shown, given = (reading(value, 0.0, found.unit) for value in (found.value, stated))
+            yield (
+                f"{item.source.name} shows {found.quantity} = {shown}, {given} is stated: correct {found.quantity}, or "
+                "look for another clip, a wrong scale or roll of the camera, or a missed early part of the motion"
+            )
 
 
 def _with_source(item: Measurement, warning: str) -> str:

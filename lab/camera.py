@@ -190,6 +190,23 @@ class Camera:
         return tuple(name for name in names if getattr(self, name) not in (None, (), False))
 
     @property
+    def stated_options(self) -> tuple[str, ...]:
+        """The places that are used as stated instead of being found, as options with their values."""
+        lines = {"--plate": self.plate, "--base": self.base, "--cylinder": self.cylinder, "--slot": self.slot}
+        numbers: list[tuple[str, tuple[float, ...]]] = [
+            *((option, (*line[0], *line[1])) for option, line in lines.items() if line is not None),
+            *(("--pivot", pivot) for pivot in self.pivots),
+            *([] if self.floor is None else [("--floor", (self.floor,))]),
+            *([] if self.circle is None else [("--circle", self.circle)]),
+        ]
+        seeds = [("--bead-at", self.bead_at)] if self.bead_at is not None else []
+        seeds += [("--centre", centre) for centre in self.centre]
+        return (
+            *(f"{option} {','.join(f'{number:g}' for number in values)}" for option, values in numbers),
+            *(f"{option} {seed.frame}:{seed.at[0]:g},{seed.at[1]:g}" for option, seed in seeds),
+        )
+
+    @property
     def stated_view(self) -> dict[str, list[str]]:
         """`stated` for the JSON document of a measurement; empty where nothing is stated."""
         return {"stated": list(self.stated)} if self.stated else {}

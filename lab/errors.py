@@ -100,6 +100,7 @@ class BadInput(RigtwinError):
     def __init__(self, message: str = "", seen: Seen | None = None) -> None:
         super().__init__(message)
         self.seen = seen
+        self.remarks: tuple[str, ...] = ()  # sentences on what may be the reason
         self.picture: Path | None = None  # written, and named at the end of the text
 
     def __str__(self) -> str:
@@ -265,7 +266,7 @@ def seeing(seen: Seen, remarks: Sequence[str] = ()) -> Iterator[None]:
     seen : Seen
         What was seen.
     remarks : sequence of str
-        Sentences after the refusal.
+        Sentences, which the message of the refusal of a medium begins with.
 
     Raises
     ------
@@ -281,5 +282,5 @@ def seeing(seen: Seen, remarks: Sequence[str] = ()) -> Iterator[None]:
         yield
     except NothingToMeasure as error:
         error.seen = error.seen or seen
-        error.message = "; ".join([error.message.rstrip("."), *(each.rstrip(".") for each in remarks)]) + "."
+        error.remarks = (*error.remarks, *remarks)
         raise

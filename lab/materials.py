@@ -14,6 +14,7 @@ from rigtwin.lab.size_distributions import Sizes
 HEAVIEST = 25_000.0  # [kg/m^3], osmium has 22 600
 WIDEST, THINNEST = 0.5, 1e-6  # [m], of a particle: what a bench holds, what a camera resolves; else a unit is wrong
 HAIR = 50e-6  # [m], below which a particle in a rig is odd: a thimble of 2 cm^3 holds 10^7
+HEAVIER = 0.1  # relative excess of a particle's density: 3 % of the diameter, and scatter of wood from bead to bead
 AIR_DENSITY = 1.2  # [kg/m^3], dry air of 20 degrees C at 1 atm (CRC Handbook: 1.204)
 AIR_VISCOSITY = 1.81e-5  # [Pa s], dynamic, the same air (CRC Handbook: 1.813e-5)
 PACKING = 0.6  # part of a poured bed's volume that is beads
@@ -74,6 +75,29 @@ def very_small(particle: Particle) -> str:
     if width >= HAIR:
         return ""
     return f"{particle.name} is {1e6 * width:.3g} um wide, thinner than a hair; check the unit of its size"
+
+
+def heavier_than_its_solid(particle: Particle) -> str:
+    """Return a remark on a particle that is denser than the material that it is made of.
+
+    Parameters
+    ----------
+    particle : Particle
+        The particle.
+
+    Returns
+    -------
+    str
+        The remark; empty for others.
+    """
+    density, solid = particle.effective_density, particle.material.density
+    if density <= (1 + HEAVIER) * solid:
+        return ""
+    return (
+        f"{particle.name} weighs {1e3 * particle.mass:.3g} g, which is {density:.4g} kg/m^3, and "
+        f"{particle.material.name} has {solid:.4g} kg/m^3: holes make a particle lighter, nothing heavier; check its "
+        "mass, its size and the density of the material"
+    )
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ Lengths in metres, angles in radians, masses in kilograms.  A field that is None
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
 
@@ -139,6 +140,14 @@ class _Settings:
     title: ClassVar[str]  # for the reader of a report
     several_views: ClassVar[bool] = False  # a rig at rest, of which one repetition may have several photos
     wall_of_particles: ClassVar[bool] = False  # whether the wall may be covered with particles, and has their contacts
+    only_of: ClassVar[Mapping[str, str]] = {}
+    """Settings that one variant has, with that variant."""
+
+    @property
+    def idle(self) -> frozenset[str]:
+        """Settings that this variant does not have."""
+        variant = getattr(self, "variant", None)
+        return frozenset(name for name, other in self.only_of.items() if other != variant)
 
     @property
     def particles_touch(self) -> bool:
@@ -241,6 +250,13 @@ class PileSettings(_Settings):
     name: ClassVar[RigName] = "pile"
     title: ClassVar[str] = "Pile"
     several_views: ClassVar[bool] = True
+    only_of: ClassVar[Mapping[str, str]] = {
+        "outlet_diameter": "piling",
+        "outlet_height": "piling",
+        "tube_diameter": "pouring",
+        "lift_speed": "pouring",
+        "drain_diameter": "emptying",
+    }
 
     def rig(self) -> Pile:
         """The rig of the twin."""
@@ -326,6 +342,7 @@ class HopperSettings(_Settings):
 
     name: ClassVar[RigName] = "hopper"
     title: ClassVar[str] = "Hopper"
+    only_of: ClassVar[Mapping[str, str]] = {"depth": "slot", "inclination": "slot", "cone_height": "conical"}
 
     def rig(self) -> Hopper:
         """The rig of the twin."""

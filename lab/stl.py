@@ -89,13 +89,14 @@ def encloses(corners: Array, points: Array) -> Mask:
     Returns
     -------
     ndarray of bool, shape (k,)
-        Whether a line upwards from there leaves a closed part. Parts that are not closed have no inside.
+        Whether a line upwards from there leaves a closed part. Parts that are not closed have no inside, and holes of
+        four corners, such as the open top of a box, are holes.
     """
     import numpy as np
     from trimesh import Trimesh
 
     whole = Trimesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
-    parts = [np.asarray(part.triangles) for part in whole.split(only_watertight=True)]
+    parts = [np.asarray(part.triangles) for part in whole.split(only_watertight=True, repair=False)]
     inside = np.zeros(len(points), dtype=bool)
     for part in parts:
         low, high = part[:, :, :2].min(axis=1), part[:, :, :2].max(axis=1)

@@ -43,6 +43,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 SMALLEST, LARGEST = 700, 1600  # [px], longest side of the picture: text is legible, details of a photo are kept
+MOST_NAMED = 4  # stated places that a message lists
 LOOKED_AT = 12  # frames of a film in which changes are searched
 LEAST_CHANGE = 12.0  # [grey levels], between two frames; codecs change still regions by less
 ABOVE_NOISE = 6.0  # of the noise between frames; the largest of a dozen noisy values reaches 4
@@ -71,6 +72,7 @@ def shows_refusals(measure: Callable[P, T]) -> Callable[P, T]:
             found = measure(*args, **kwargs)
         except BadInput as error:
             if isinstance(error, NothingToMeasure):
+                error.message = _with_stated(media, camera, error)
                 error.message = _with_lost_end(media, error)
             if isinstance(out, Path) and (isinstance(error, NothingToMeasure) or error.seen is not None):
                 seen = error.seen or Seen()
@@ -92,6 +94,24 @@ def _with_lost_end(media: Sequence[Path], error: NothingToMeasure) -> str:
     if medium is None or medium.is_dir() or CUT_OFF in error.message or not breaks_off(medium):
         return error.message
     return f"{medium}: {CUT_OFF} What is left was not measured: {error.message.removeprefix(f'{medium}: ')}"
+
+
+def _with_stated(media: Sequence[Path], camera: object, error: NothingToMeasure) -> str:
+    """The message of a refusal with the stated places that may be its reason: contradicted ones first, others last."""
+    medium = (error.seen or Seen()).medium or (media[0] if len(media) == 1 else None)
+    if medium is None:
+        return error.message
+    why = error.message.removeprefix(f"{medium}: ")
+    named = f"{medium}: " if error.remarks or why != error.message else ""
+    if error.remarks:
+        it = "it" if len(error.remarks) == 1 else "them"
+        contradicted = "; ".join(each.rstrip(".") for each in error.remarks)
+        why = f"{contradicted}: leave {it} out, or correct {it}, first. With {it} nothing was measured: {why}"
+    others = [option for option in _camera(camera, media, medium).stated_options if option not in why]
+    if others:
+        listed = ", ".join(others[:MOST_NAMED]) + (" ..." if len(others) > MOST_NAMED else "")
+        why = f"{why.rstrip('.')}; used as stated: {listed}; what is left out is searched in the picture."
+    return named + why
 
 
 def _camera(given: object, media: Sequence[Path], medium: Path) -> Camera:

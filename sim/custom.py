@@ -154,7 +154,7 @@ def run(
                 state.weigh(bulk.impulses)
             logbook.look(state.kept())
             progress("simulating", min(bulk.time, rig.duration), rig.duration)
-    said = (*enclosed(rig, particle), *bench.warnings(bulk, logbook))
+    said = (*remarks(rig, particle), *bench.warnings(bulk, logbook))
     return _course_of(
         rig, particle, state, bulk.beads(), state.remaining(bulk.grains(), domain), asked=count, time=bulk.time,
         statistics=logbook.statistics(), history=logbook.history,
@@ -236,8 +236,33 @@ def check(rig: CustomRig, particle: Particle, *, count: int) -> None:
         )
 
 
+def remarks(rig: CustomRig, particle: Particle) -> list[str]:
+    """Return sentences on what a rig states and was hardly meant.
+
+    Parameters
+    ----------
+    rig : CustomRig
+        Walls and fill region.
+    particle : Particle
+        Particle that fills the region.
+
+    Returns
+    -------
+    list of str
+        The warnings: of particles inside of solids, and of walls that would move or be removed after the run.
+    """
+    found = enclosed(rig, particle)
+    for name, wall in rig.walls.items():
+        late = {"start": ("begins to move", wall.start if wall.moves else 0.0), "removed": ("is removed", wall.removed)}
+        for key, (what, when) in late.items():
+            if when is not None and when >= rig.duration:
+                end = f"the run ends at {rig.duration:.4g} s (duration) at the latest"
+                found.append(f"walls.{name}: {what} at {when:.4g} s ({key}), and {end}; correct one of them")
+    return found
+
+
 def enclosed(rig: CustomRig, particle: Particle) -> list[str]:
-    """Return sentences on walls that are closed surfaces, inside of which a part of the fill region lies.
+    """Return sentences on walls that are closed surfaces, inside of which the fill region or a part of it lies.
 
     Parameters
     ----------
@@ -253,19 +278,23 @@ def enclosed(rig: CustomRig, particle: Particle) -> list[str]:
 
     Notes
     -----
-    A closed wall in which all places lie may be a vessel; places on both sides show that particles would be placed
-    inside a solid.  Surfaces that are not closed have no inside.
+    A closed wall in which all places lie may be a vessel, unless other walls lie outside of it, which its particles
+    would never meet; places on both sides show that particles would be placed inside a solid.  Surfaces that are not
+    closed have no inside.
     """
     rng, source, found = np.random.default_rng(0), FillRegion(rig), []
     points = rng.uniform(*source.box, (PROBES, 3))
     points = points[source.inside(points, particle.smallest_radius)]
     for name, wall in rig.walls.items():
         share = float(encloses(_corners_of(wall), points).mean()) if len(points) else 0.0
-        if 0.0 < share < 1.0:
-            part = f"{100 * share:.0f} %" if share >= 0.01 else "less than 1 %"
+        others = [_corners_of(other).reshape(-1, 3) for about, other in rig.walls.items() if about != name]
+        kept_apart = share == 1.0 and any(not encloses(_corners_of(wall), corners).any() for corners in others)
+        if 0.0 < share < 1.0 or kept_apart:
+            part = "all" if kept_apart else f"{100 * share:.0f} %" if share >= 0.01 else "less than 1 %"
+            ending = "which other walls lie outside of" if kept_apart else "particles are placed there, too"
             found.append(
                 f"walls.{name}: is a closed surface, and {part} of the room in fill lies inside of it: "
-                "particles are placed there, too; if it is a solid, place fill beside it"
+                f"{ending}; if it is a solid, place fill beside it"
             )
     return found
 

@@ -1,7 +1,9 @@
 """Make `import rigtwin` work from a bare clone as it does from an install."""
 
 import importlib.util
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import nullcontext
@@ -51,6 +53,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             return process_of(nodeid)
 
     return Groups(config, log) if config.getoption("dist") == "loadscope" else None
+
+
+@pytest.fixture(autouse=True)
+def usual_ctrl_c() -> None:
+    """Every test begins with Python's own handling of Ctrl-C: the command line, run in this process, sets another."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 class AtOnce(Executor):

@@ -45,6 +45,7 @@ from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.formatting import title
 from rigtwin.lab.materials import PARAMETERS, pair
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.rig_quantities import quantities_of
 
 if TYPE_CHECKING:
     from rigtwin.lab.quantity import Quantity
@@ -60,7 +61,8 @@ MEASURED_BY = {
     ("pendulum", "restitution_pair"): "restitution",
 }
 """Rig and quantity that measure a parameter of a contact directly."""
-SKIPPED = {"bulk_density"}  # follows from the bed height
+FOLLOWS_FROM = {"bulk_density": "bed_height"}
+"""Results that say nothing new beside another one of the same experiment."""
 
 
 def calibrate(
@@ -185,12 +187,10 @@ def calibrate_lab(
     quantities = {name: found.quantities for name, found in measured.items()}
     targets = {one.id: _targets(one, quantities[one.id], reading or {}) for one in bulk}
     if not any(targets[one.id] for one in fitted):
-        raise BadInput(
-            f"{lab.path}: nothing that the twins give was measured in {', '.join(one.id for one in fitted)}."
-        )
+        raise BadInput(f"{lab.path}: {'; '.join(_without_result(one, quantities[one.id]) for one in fitted)}.")
     left_out = [*remarks]
     left_out += [
-        f"{one.id} was not fitted: nothing that its twin gives was measured" for one in fitted if not targets[one.id]
+        f"{one.id} was not fitted: {_without_result(one, quantities[one.id])}" for one in fitted if not targets[one.id]
     ]
     left_out += [
         f"{name}: {failure.source.name} was left out: {failure.message}"
@@ -378,11 +378,24 @@ def _unused(
                 )
 
 
+def _without_result(experiment: Experiment, measured: Sequence[Quantity]) -> str:
+    """What was measured in an experiment without a target, and what could be fitted."""
+    known = [name for name in quantities_of(experiment.rig) if is_result(name, None)]
+    usable = f"of a {experiment.rig_name}: {', '.join(known)}, the mean of both sides and not doubtful"
+    found = ", ".join(dict.fromkeys(_of_side(one) for one in measured if one.quantity in quantities_of(experiment.rig)))
+    return f"nothing that can be fitted was measured in {experiment.id} ({usable}; measured: {found or 'nothing else'})"
+
+
+def _of_side(one: Quantity) -> str:
+    side = one.detail.get("side", "mean")
+    return f"{'' if side == 'mean' else f'{side} '}{one.quantity}{' (doubtful)' if one.doubtful else ''}"
+
+
 def _targets(experiment: Experiment, measured: Sequence[Quantity], reading: Mapping[str, float]) -> list[Target]:
     """The results of a rig, the first method of each."""
     rows: dict[str, Deviation] = {}
     for row in deviations(experiment.id, experiment.rig_name, measured, ()):
-        usable = is_result(row.quantity, row.side) and row.quantity not in SKIPPED
+        usable = is_result(row.quantity, row.side)
         known = math.isfinite(row.measured) and math.isfinite(row.measured_std_uncertainty)
         if usable and known and not row.doubtful:
             rows.setdefault(row.quantity, row)
@@ -392,4 +405,5 @@ def _targets(experiment: Experiment, measured: Sequence[Quantity], reading: Mapp
             row.measured_n, reading.get(row.quantity, 0.0),
         )
         for row in rows.values()
+        if FOLLOWS_FROM.get(row.quantity) not in rows
     ]  # fmt: skip

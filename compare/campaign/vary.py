@@ -235,7 +235,7 @@ def names(experiment: Experiment) -> list[str]:
     """
     own = list(PARAMETERS) if experiment.rig.particles_touch else []
     wall = [] if experiment.wall is None else [f"wall_{name}" for name in PARAMETERS]
-    taken = {field.name for field in fields(experiment.rig)} - {"variant", "hanger"}
+    taken = {field.name for field in fields(experiment.rig)} - {"variant", "hanger", *experiment.rig.idle}
     return [*own, *wall, *OF_PARTICLE, *(name for name in _entry_hints(experiment.rig_name) if name in taken)]
 
 

@@ -220,8 +220,8 @@ class PileEntry(ManyBodyEntry[PileSettings]):
         if max(reach for _, reach in seen) > rig.base_diameter / 2 - 2 * particle.diameter:
             twice = ROLLED_OFF * count
             count = max(twice, PILE_COUNT)
-            more = "twice" if count == twice else f"more than twice ({twice})"
-            said = f"{count} particles, {more} the volume of the filmed heap, which reaches the edge of its base"
+            enough = f"twice the volume of the filmed heap, which reaches the edge of its base, is {twice} particles"
+            said = f"{count} particles: {enough}{'' if count == twice else f', and at least {PILE_COUNT} are poured'}"
         try:
             self.check_count(experiment, count)
         except BadInput:

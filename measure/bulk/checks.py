@@ -19,12 +19,14 @@ MISFIT = 0.16
 NEIGHBOURS, NEIGHBOURS_UNCERTAINTY = 1.08, 0.05
 
 
-def size_seen(ratio: float, most: float, scale_from: str) -> Check:
-    """Check `bead_size`: `ratio` of the measured to the stated size must differ from 1 by less than `most`."""
+def size_seen(seen: float, stated: float, most: float, scale_from: str) -> Check:
+    """Check `bead_size`: the diameter `seen` must differ from the `stated` one [m] by less than `most` of it."""
+    ratio = seen / stated
     passed = abs(ratio - 1) < most
     usual = f"{max(1 - most, 0):.2f} to {1 + most:.2f} is accepted"
     ending = "." if passed else f": check --bead-diameter and the scale (from {scale_from})."
-    message = f"beads look {ratio:.2f} times as large as stated; {usual}{ending}"
+    sizes = f"{seen * 1e3:.3g} mm by the scale, {stated * 1e3:.4g} mm stated"
+    message = f"beads look {ratio:.2f} times as large as stated ({sizes}); {usual}{ending}"
     return Check("bead_size", passed, ratio, 1.0, message)
 
 
@@ -43,7 +45,7 @@ def spacing_check(spacing: float, uncertainty: float, bead: float, scale_from: s
     `uncertainty` is the relative standard uncertainty of the scale.
     """
     most = 3 * math.hypot(uncertainty, NEIGHBOURS_UNCERTAINTY)
-    return size_seen(size_of_beads(spacing) / bead, most, scale_from)
+    return size_seen(size_of_beads(spacing), bead, most, scale_from)
 
 
 def size_unseen(what: str, given: str, advice: str) -> str:

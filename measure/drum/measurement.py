@@ -108,9 +108,10 @@ def measure(
     """
     check_settings(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
     share = share_of(bead_diameter, drum_diameter)
-    if share is not None and share > 0.5:
+    if share is not None and share > 0.5 and drum_diameter is not None:
         raise BadInput(
-            "measure drum: the bead is larger than half of the drum; check --bead-diameter and --drum-diameter."
+            f"measure drum: a bead of {1e3 * share * drum_diameter:.4g} mm (--bead-diameter) is larger than half of a "
+            f"drum of {1e3 * drum_diameter:.4g} mm (--drum-diameter); correct them."
         )
     if is_table(clip):
         return _measure_table(clip, camera, table, drum_diameter, speed, bead_diameter, out)

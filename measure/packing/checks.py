@@ -234,8 +234,7 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
         ending = "." if passed else f": check the scale (from {source}), and {other}."
         checks.append(Check("scale", passed, ratio, 1.0, f"the scale is {ratio:.3f} times that by {by}{ending}"))
     if bead is not None and source != "bead diameter":
-        ratio = 2 * bed.bead_seen * scale / (NEARER * bead)
-        checks.append(size_seen(ratio, MISFIT, source))
+        checks.append(size_seen(2 * bed.bead_seen * scale / NEARER, bead, MISFIT, source))
     within = same or bed.beyond < MOST_BEYOND
     ending = "." if within else ": check the walls in the overlay; --cylinder states them."
     ending = "; the gauge confirms the distance of the walls." if same else ending

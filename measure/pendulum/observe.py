@@ -11,7 +11,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.camera import STATED_SIGMA, Camera, Point
-from rigtwin.lab.errors import Mark, NothingToMeasure, Seen, seeing
+from rigtwin.lab.errors import BadInput, Mark, NothingToMeasure, Seen, seeing
 from rigtwin.lab.progress import Progress
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
@@ -25,7 +25,7 @@ from rigtwin.measure.pendulum.track_one_bead import find_wall_bead, images_by_fr
 from rigtwin.measure.pendulum.track_two_beads import Beads, find_beads, relocate
 from rigtwin.measure.tracking.colour_channel import LUMA
 from rigtwin.measure.tracking.follow import Chase, look_again
-from rigtwin.measure.tracking.stated_centres import contradictions, moved_to, stated_centres, with_stated
+from rigtwin.measure.tracking.stated_centres import contradictions, moved_to, said, stated_centres, with_stated
 
 # Shift of a bead's centre by the background texture and the codec, over the noise of a point.  It depends on position
 # or drifts in time, so it does not average out.  Maximum likelihood of the errors of beads in 15 drawn films of known
@@ -50,11 +50,11 @@ def observe_film(video: Video, camera: Camera, length: float | None, progress: P
     """Both beads of a double pendulum in every frame, and their swings; `length` [m] is used in messages only."""
     by_hand = stated_centres(video, camera, beads=2)
     located = find_beads(video, camera.region, stated_length=length, progress=progress)
-    beads = _with_stated(located, by_hand)
+    beads = _with_stated(located, by_hand, video)
     times, fit, losses = _swings(video, beads, camera, _contradictions(located, beads, video))
     places, velocities, again = _second_look(fit, beads, times)
     located = relocate(video, beads, places, velocities, again)
-    beads = _with_stated(located, by_hand)
+    beads = _with_stated(located, by_hand, video)
     return Film(beads, times, fit, losses, _contradictions(located, beads, video))
 
 
@@ -113,7 +113,7 @@ def _one_bead(chase: Chase, video: Video) -> Beads:
     return Beads(frames, (images,), [look], chase.shutter.share, chase.scene, LUMA, poses, looked, {})
 
 
-def _with_stated(beads: Beads, stated: Mapping[int, tuple[Point, ...]]) -> Beads:
+def _with_stated(beads: Beads, stated: Mapping[int, tuple[Point, ...]], video: Video) -> Beads:
     """Both beads with their stated centres, each of the bead whose path in the other frames is next to it."""
     from scipy.optimize import linear_sum_assignment
     from scipy.spatial.distance import cdist
@@ -126,7 +126,14 @@ def _with_stated(beads: Beads, stated: Mapping[int, tuple[Point, ...]]) -> Beads
     images = [list(each) for each in beads.images]
     if not all(seen):
         return beads  # one that is seen nowhere else is refused for that later
+    nearest = min(look.radius for look in beads.looks)
     for frame, points in stated.items():
+        if len(points) > 1 and (between := math.dist(*points)) < nearest:
+            both = " and ".join(said(video.in_file(frame), point) for point in points)
+            raise BadInput(
+                f"{video.path}: {both} are {between:.0f} px apart, and beads with a radius of {nearest:.0f} px cannot "
+                "both be there; leave one of them out."
+            )
         k = number[frame]
         expected = [
             [np.interp(k, list(each), [getattr(image, axis) for image in each.values()]) for axis in ("x", "y")]

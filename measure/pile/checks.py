@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rigtwin.lab.quantity import Check, Quantity
@@ -85,8 +86,11 @@ def size_checks(
         return (), size_unseen(
             "heights, widths and the tip's radius (but no angle) depend", f"the scale from {scale_from}", advice
         )
-    ratio = 2 * found.bead_seen * scale / (NEARER * bead_diameter)
-    return (size_seen(ratio, MISFIT, scale_from),), ""
+    check = size_seen(2 * found.bead_seen * scale / NEARER, bead_diameter, MISFIT, scale_from)
+    if not check.passed and scale_from == "base diameter" and base_diameter is not None:
+        by_beads = f"{base_diameter / check.value * 1e3:.3g} mm, {base_diameter * 1e3:.4g} mm are stated"
+        check = replace(check, message=f"{check.message[:-1]}; by the stated beads the base is {by_beads}.")
+    return (check,), ""
 
 
 def base_check(seen: float, scale_uncertainty: float, stated: float, scale_from: str) -> Check:

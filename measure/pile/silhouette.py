@@ -11,11 +11,14 @@ import numpy as np
 from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Image, Mask
 from rigtwin.lab.camera import FOCAL_LENGTH, STATED_SIGMA, Flank, Line
 from rigtwin.lab.errors import Mark, NothingToMeasure, Seen
+from rigtwin.measure.bulk.bead_spacing import bead_spacing
 from rigtwin.measure.bulk.beads import Beads, find_beads, rim_radius
+from rigtwin.measure.bulk.checks import MISFIT, size_of_beads
 from rigtwin.measure.bulk.grain_classes import Grain, grain_classes, most_grains
 from rigtwin.measure.bulk.outline import Disc, Silhouette, View
 from rigtwin.measure.bulk.outline_above import outline_above
 from rigtwin.measure.pile.base_disc import find_disc, nearness
+from rigtwin.measure.pile.checks import NEARER
 from rigtwin.measure.scene.contrast_stretch import exposure_of
 
 FINEST = 1000  # [px], width of the analysed picture; 1400 does not improve the angles of the sample heap
@@ -98,6 +101,8 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
         view = span = _view_of_disc(disc)
         stated = None if beads_across is None else view.radius / beads_across
         circles, usual = _beads(_around(grey, disc), stated), view.radius / USUAL_BEADS
+        if stated is not None and (others := _of_another_size(image, _around(grey, disc), grains, circles, stated)):
+            circles, stated = others, others[0].radius
     else:
         stated, circles = None, _beads(grey)
         view, half = _view_of_feet(grains, roll, focal_length * zoom)
@@ -235,6 +240,28 @@ def _beads(grey: GreyImage, radius: float | None = None) -> tuple[Beads, float] 
     if beads is None:
         return None
     return Beads(beads.centre / shrink, beads.radius / shrink), rim_radius(small, beads) / shrink
+
+
+def _of_another_size(
+    image: Image, around: GreyImage, grains: Mask, near: tuple[Beads, float] | None, stated: float
+) -> tuple[Beads, float] | None:
+    """Circles of the heap beyond the sizes that are searched `near` the `stated` radius [px]; None if there are none.
+
+    Circles of the stated size that look right are overruled only where the distance of neighbours agrees.
+    """
+    freely = _beads(around)
+    if freely is None or _ratio(freely[1], NEARER * stated) < SIZE_RANGE:
+        return None
+    if near is None or abs(near[1] / (NEARER * stated) - 1) > MISFIT:
+        return freely
+    spacing = bead_spacing(image, grains)
+    agree = spacing is not None and _ratio(2 * freely[1] / NEARER, size_of_beads(spacing)) < 1 + 2 * MISFIT
+    return freely if agree else None
+
+
+def _ratio(one: float, other: float) -> float:
+    """Ratio of the larger to the smaller."""
+    return max(one, other) / min(one, other)
 
 
 def _view_of_disc(disc: Disc) -> View:

@@ -41,7 +41,7 @@ def stated_centres(video: Video, camera: Camera, beads: int = 1) -> dict[int, tu
     """
     found: dict[int, list[Point]] = defaultdict(list)
     for one in camera.centre:
-        where = f"{video.path}: {_said(one.frame, one.at)}"
+        where = f"{video.path}: {said(one.frame, one.at)}"
         frame = video.frame_of(one.frame)
         if not video.first <= frame <= video.last:
             raise BadInput(
@@ -57,7 +57,8 @@ def stated_centres(video: Video, camera: Camera, beads: int = 1) -> dict[int, tu
     return {frame: tuple(points) for frame, points in found.items()}
 
 
-def _said(frame: int, at: Point) -> str:
+def said(frame: int, at: Point) -> str:
+    """A stated centre as the option that states it; `frame` is its number in the file."""
     return f"--centre {frame}:{at[0]:g},{at[1]:g}"
 
 
@@ -74,7 +75,7 @@ def contradictions(
     `seen` is the place [px] by frame where it is located without them, `in_file` the number of a frame in the file.
     """
     return [
-        f"{_said(in_file(frame), at)} is used as stated, but lies {away:.0f} px from the body, which is seen at "
+        f"{said(in_file(frame), at)} is used as stated, but lies {away:.0f} px from the body, which is seen at "
         f"{seen[frame][0]:.0f},{seen[frame][1]:.0f} in this frame."
         for frame, stated in centres.items()
         for at in stated

@@ -364,7 +364,7 @@ def _custom(rig: CustomRig, particle: Particle, count: int, random: np.random.Ge
     low, high = custom.domain_of(rig, particle)
     source, sizes = custom.FillRegion(rig), filling.Course(random=random).sizes(count, particle)
     places, velocities, turns = NOTHING, NOTHING, None
-    said = tuple(custom.enclosed(rig, particle))
+    said = tuple(custom.remarks(rig, particle))
     events: list[tuple[float, Insert | Move | Open | Look]] = []
     if rig.pour_rate is None:
         try:

@@ -60,7 +60,8 @@ def active(effect: str | Effect, /, **parameters: float) -> Active:
             )
     values = []
     for name, parameter in known.items():
-        usual = parameter.typical if parameter.predicted is None else parameter.predicted
+        assumed = parameter.typical if parameter.assumed is None else parameter.assumed[0]
+        usual = assumed if parameter.predicted is None else parameter.predicted
         values.append(float(parameters.get(name, usual)))
     return Active(effect, tuple(values))
 

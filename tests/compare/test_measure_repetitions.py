@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigtwin.compare.measure_repetitions import Failure, measure_repetition
+from rigtwin.compare.measure_repetitions import Failure, Measured, measure_repetition
 from rigtwin.lab.file.lab_file import read_lab
 
 LAB = """\
@@ -41,6 +41,16 @@ def test_columns_of_a_table_and_its_broken_track_are_stated_in_the_lab(tmp_path)
     found = measure_repetition(experiment, experiment.repetitions[0], None)
     assert found.value("restitution_wall", method="velocity", bounce=1) == pytest.approx(0.7, abs=0.003)
     assert found.table["points"] == 150
+
+
+def test_a_stated_drop_height_that_the_record_contradicts_is_named_with_both(tmp_path):
+    joined = (COLUMNS, 'join = ["early,late"]')
+    for stated, named in {"300 mm": False, "450 mm": True}.items():
+        experiment = drop(tmp_path, *joined, f'drop_height = "{stated}"')
+        found = measure_repetition(experiment, experiment.repetitions[0], None)
+        said = " ".join(Measured(experiment, (found,), ()).warnings)
+        assert ("450 mm is stated" in said) == named
+        assert ("ball.csv shows drop_height = 299.96 mm" in said) == named
 
 
 def test_a_column_that_is_stated_and_not_there_is_named(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 import rigtwin
 from rigtwin.lab.camera import Camera, KnownLength, Seed
-from rigtwin.lab.errors import NothingToMeasure, Seen
+from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
 from rigtwin.measure import refusal
 
 RIGS = {
@@ -126,3 +126,21 @@ def test_a_measurement_removes_the_picture_of_an_earlier_refusal(tmp_path):
     left.write_bytes(b"")
     rigtwin.measure("drop", film, out=tmp_path, bead_diameter="12 mm")
     assert not left.exists()
+
+
+@pytest.mark.parametrize(
+    ("rig", "place", "option"),
+    [
+        ("drum", {"circle": "100,100,60"}, "circle 100,100,60"),
+        ("drop", {"plate": "20,200,300,201"}, "plate 20,200,300,201"),
+    ],
+)
+def test_a_refusal_names_what_was_stated_with_its_value(rig, place, option, film, tmp_path):
+    with pytest.raises(NothingToMeasure) as refused:
+        rigtwin.measure(rig, film, out=tmp_path, **RIGS[rig], **place)
+    assert f"used as stated: {option}; what is left out is searched" in refused.value.message
+
+
+def test_a_bead_larger_than_its_drum_is_refused_with_both_sizes(film):
+    with pytest.raises(BadInput, match=r"a bead of 60 mm \(bead_diameter\) .* drum of 15 mm \(drum_diameter\)"):
+        rigtwin.measure("drum", film, drum_diameter="15 mm", speed="4 rpm", bead_diameter="60 mm")

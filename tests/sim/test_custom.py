@@ -14,7 +14,7 @@ from rigtwin.cli import run
 from rigtwin.lab import stl
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.custom_rig import CustomRig, Region, StlWall
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, SimulationFailed
 from rigtwin.lab.materials import Contact
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.sim import custom
@@ -295,6 +295,36 @@ def test_room_inside_of_a_closed_surface_is_a_warning_if_there_is_room_outside_t
     corners = np.array(block.triangles) / 1e3
     within = stl.encloses(corners, np.array([[0.001, 0.002, 0.03], [0.013, 0.002, 0.04]]))
     assert within.tolist() == [True, False]
+
+
+def test_room_that_lies_wholly_inside_of_a_block_beside_other_walls_is_a_warning(tmp_path):
+    block = trimesh.creation.box((24, 24, 24))
+    block.apply_translation((0, 0, 40))
+    lifter = trimesh.creation.box((2, 2, 2))
+    lifter.apply_translation((10, 0, 40))
+    inside = Region((-0.008, -0.008, 0.032), (0.008, 0.008, 0.048))
+    about = {"block": wall(tmp_path, "block", block)}
+    (said,) = custom.enclosed(CustomRig({**about, "cup": wall(tmp_path, "cup", cup(60, 120))}, inside), D6)
+    assert said.startswith("walls.block: is a closed surface, and all of the room in fill lies inside of it")
+    assert custom.enclosed(CustomRig({**about, "lifter": wall(tmp_path, "lifter", lifter)}, inside), D6) == []
+
+
+def test_a_motion_that_would_begin_after_the_run_is_a_warning(tmp_path):
+    slow = wall(tmp_path, "slide", floor(20.0, -1.0), velocity=(0.1, 0.0, 0.0), start=3.0)
+    gone = wall(tmp_path, "lid", floor(20.0, 79.0), removed=0.02)
+    said = run_of(box_rig(tmp_path, {"slide": slow, "lid": gone}, duration=0.05)).warnings
+    assert [each for each in said if each.startswith("walls.")] == [
+        "walls.slide: begins to move at 3 s (start), and the run ends at 0.05 s (duration) at the latest; "
+        "correct one of them"
+    ]
+
+
+def test_a_bead_thrown_too_fast_by_a_paddle_is_blamed_on_the_paddle(tmp_path):
+    paddle = trimesh.creation.box((30, 2, 30))
+    paddle.apply_translation((0, 0, 16))
+    turning = wall(tmp_path, "paddle", paddle, rotation_speed=2 * math.pi * 100 * 4)
+    with pytest.raises((BadInput, SimulationFailed), match=r"walls\.paddle moves .* let it move more slowly"):
+        run_of(box_rig(tmp_path, {"paddle": turning}, duration=0.2), count=20)
 
 
 def test_a_wall_too_fast_for_the_time_step_is_named(tmp_path):

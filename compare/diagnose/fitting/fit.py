@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rigtwin.compare.diagnose.fitting.impact_scatter import expect_scatter, jitter_of
-from rigtwin.compare.diagnose.fitting.levenberg_marquardt import HOPELESS, NOTHING, descend, newton_step
+from rigtwin.compare.diagnose.fitting.levenberg_marquardt import HOPELESS, NOTHING, descend, newton_step, promised
 from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, linearise, noise, spread_of_each
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
@@ -261,9 +261,7 @@ def _glance(bench: Bench, terms: Sequence[Effect], near: Fit) -> Fit:
         step = np.zeros(len(unknowns))
     else:
         step_local, step = newton_step(unknowns, state, free, linear, 0.0)
-        pull = np.array([(u.prior - v) / u.sd**2 for u, v in zip(unknowns, values, strict=True)])
-        beside = linear.objective - near.objective
-        gain = -beside + float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step))
+        gain = near.objective - linear.objective + promised(unknowns, state, linear, step_local, step)
     glanced = _finished(bench, terms, unknowns, state, mask, free, linear, True)
     return replace(glanced, values=values + step, deviance=near.deviance - gain)
 

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, linearise
 from rigtwin.compare.diagnose.models.unknown import Unknown
-from rigtwin.lab.arrays import Array
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.sim.effects import Effect
 
-FAR, FAR_WORTH = 3.0, 3e-5  # reduced chi-square above which a model fits badly, and relative gain that ends its descent
-HOPELESS, HOPELESS_WORTH = 100.0, 5e-3  # the same for a model that does not fit at all
+FAR = 3.0  # objective per coordinate above which a model fits badly
+HOPELESS = 100.0  # objective per coordinate above which a model does not fit at all
+NEGLIGIBLE = 1e-2  # gain that changes no decision
+LEFT, LEFT_HOPELESS = 1e-4, 5e-3
+"""Share of the objective beyond one per coordinate to which a model is fitted, and the same for one that does not fit.
+What is compared with a bad model differs from it by far more; independent labs keep their verdicts."""
 IDLE = 4  # successive steps without gain that end the descent; integration in steps makes the objective slightly rough
 DAMPED, FREE = 1e-4, 1e-9
 """Relative damping at the start for a bad model, and at the end.  The final value is small because the information that
@@ -38,18 +43,22 @@ def descend(
         step_local, step_global = newton_step(unknowns, state, free, linear, damping)
         # unknowns at a limit that would cross it are held, and the step of the others is computed without them
         held = ((state.values <= low) & (step_global < 0)) | ((state.values >= high) & (step_global > 0))
-        if held.any():
-            step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), linear, damping)
+        held_local = (state.local <= bench.local_low) & (step_local < 0)
+        if held.any() or held_local.any():
+            without = _holding(linear, held_local)
+            step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), without, damping)
         trial = State(
-            state.local + step_local,
+            np.maximum(state.local + step_local, bench.local_low),
             np.clip(state.values + step_global, low, high),
             state.scatter,
             state.jitter,
         )
         tried = linearise(bench, terms, unknowns, trial, mask)
         gain = linear.objective - tried.objective
-        small = 1e-2 + _worth(tried.objective / bench.rows.size) * abs(tried.objective)
-        idle = idle + 1 if abs(gain) < small else 0
+        small = _small(min(tried.objective, linear.objective), bench.rows.size)
+        # where the objective is slightly rough a step that promises nothing may fail by more than it promised
+        promise = promised(unknowns, state, linear, step_local, step_global)
+        idle = idle + 1 if abs(gain) < small or (gain < 0 and promise < small) else 0
         if gain >= 0:
             state.local, state.values, linear = trial.local, trial.values, tried
             # with less damping a step that was just refused would be refused again
@@ -60,7 +69,7 @@ def descend(
                 damping = FREE
             refused = False
         else:
-            if idle >= IDLE or (gain > -1e-2 and damping <= DAMPED):
+            if idle >= IDLE or (gain > -NEGLIGIBLE and damping <= DAMPED):
                 return linear, True
             damping, refused = damping * (10 if damping >= DAMPED else 100), True
             if damping > (1e8 if linear.objective < HOPELESS * bench.rows.size else 1.0):
@@ -68,9 +77,24 @@ def descend(
     return linear, False
 
 
-def _worth(per_row: float) -> float:
-    """Relative gain below which the descent ends; the misfit of a bad model is not needed precisely."""
-    return HOPELESS_WORTH if per_row > HOPELESS else FAR_WORTH if per_row > FAR else 1e-7
+def _small(objective: float, rows: int) -> float:
+    """Gain that is not worth a step."""
+    share = LEFT if objective < HOPELESS * rows else LEFT_HOPELESS
+    return NEGLIGIBLE + share * max(objective - rows, 0.0)
+
+
+def promised(unknowns: Sequence[Unknown], state: State, linear: Linear, step_local: Array, step_global: Array) -> float:
+    """Decrease of the objective by a step in the linearised model."""
+    pull = np.array([(u.prior - v) / u.sd**2 for u, v in zip(unknowns, state.values, strict=True)])
+    return float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step_global))
+
+
+def _holding(linear: Linear, held: Mask) -> Linear:
+    """The equations without the local unknowns marked in `held` (R, L): their steps are zero."""
+    a, b = np.where(held[:, :, None] | held[:, None], 0.0, linear.a), np.where(held[..., None], 0.0, linear.b)
+    run, at = np.nonzero(held)
+    a[run, at, at] = 1.0
+    return replace(linear, a=a, b=b, g_local=np.where(held, 0.0, linear.g_local))
 
 
 def newton_step(

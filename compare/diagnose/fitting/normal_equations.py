@@ -24,6 +24,7 @@ class Bench(Moving, Protocol):
     sigma: Array  # [m], (N,)
     local_prior: Array  # (R, L)
     local_sd: Array  # (R, L)
+    local_low: Array  # (L,), lower limits
     scatter: Array  # (R, S) index of the scatter parameter of each deviation, -1 for none
     scattered: Sequence[Scattered]  # what scatters, of length H
     scatter_start: Array  # (H,)

@@ -75,6 +75,7 @@ class DoubleBench(Runs):
             axis=1,
         )
         self.local_step = np.array([1e-3, 1e-2, 1e-3, *([1e-2] * self.impacts)])
+        self.local_low = np.full(len(self.local_step), -np.inf)
         self.scatter = np.where(self.active, self.pair[:, None], -1)
         self.scattered = of_pairs("restitution", self.pairs)
         self.scatter_start = np.full(len(self.pairs), 0.03)

@@ -33,6 +33,7 @@ RISES = 8.0  # height range, in units of the noise, below which a bead is at res
 ONE_MATERIAL = 0.015
 """Standard deviation between the restitutions of a bead on two plates of one material, apart from the bending of the
 plates.  Assumed: two pieces differ in finish, and hardly by more than the scatter from impact to impact."""
+SLOWEST = 1e-3  # [m/s], least speed after an impact; the bead rises by less than a tenth of a micrometre
 SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
 # [1], [m]: largest usual scatter, of a camera that is set up anew for each drop, some 20 times that of one at rest
 USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3
@@ -107,12 +108,13 @@ class DropBench:
         # an impact that was not filmed is held by its prior
         unseen = np.where(self.active, np.inf, 1e-3)
         side_sd = lab.uncertainty("release_sideways_speed_m_s", default=SIDEWAYS)
-        free = np.full((repetitions, 2), np.inf)
         self.local_sd = np.concatenate(
-            [np.tile([10.0, 0.01, tall, side_sd], (repetitions, 1)), unseen, unseen, free], axis=1
+            [np.tile([10.0, 0.01, tall, side_sd], (repetitions, 1)), unseen, unseen, np.full((repetitions, 2), np.inf)],
+            axis=1,
         )
         self.local_sd[:, 2] *= shared(self.condition)
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost), 1e-3, 1e-3])
+        self.local_low = np.array([*([-np.inf] * 4), *([SLOWEST] * lost), *([-np.inf] * (lost + 2))])
         pairs = len(self.pairs)
         bounce = np.where(self.active, self.pair[:, None], -1)
         kick = np.where(self.active, pairs + 2, -1)
@@ -263,7 +265,7 @@ class DropBench:
         tilt = values["plate_tilt.angle"][:, None, None]
         sine, cosine = np.sin(tilt), np.cos(tilt)
         x0, y0, vx0 = (local[..., k] for k in (1, 2, 3))
-        up = np.where(self.active, np.maximum(local[..., 4 : 4 + n], 1e-3), 1.0)
+        up = np.where(self.active, np.maximum(local[..., 4 : 4 + n], SLOWEST), 1.0)
         along = local[..., 4 + n : 4 + 2 * n]
         # flight 0 starts at the holder, flight j at the plate
         vx = np.concatenate([vx0[..., None], along * cosine - up * sine], axis=2)

@@ -68,6 +68,7 @@ class PendulumBench:
         self.local_prior = np.stack([np.zeros(repetitions), angle], axis=1)
         self.local_sd = np.stack([np.full(repetitions, 10.0), release_sd * shared(self.condition)], axis=1)
         self.local_step = np.array([1e-3, 1e-2])
+        self.local_low = np.full(len(self.local_step), -np.inf)
         self.scatter = np.zeros((repetitions, 0), dtype=int)
         self.scattered: Sequence[Scattered] = ()
         self.scatter_start = self.scatter_least = self.scatter_most = np.zeros(0)

@@ -63,6 +63,7 @@ class RollBench(Runs):
             axis=1,
         )  # fmt: skip
         self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
+        self.local_low = np.full(len(self.local_step), -np.inf)
         self.scatter = self.pair[:, None].copy()
         self.scattered = of_pairs("rolling_friction", self.pairs)
         self.scatter_start = np.full(len(self.pairs), 3e-3)

@@ -55,6 +55,7 @@ class SlideBench(Runs):
         self.local_prior = np.stack([self.distance, np.full(count, 0.4), np.zeros(count), np.zeros(count)], axis=1)
         self.local_sd = np.tile([2e-3, np.inf, np.inf, TRACKED_POINT], (count, 1))
         self.local_step = np.array([1e-3, 1e-3, 1e-2, 1e-3])
+        self.local_low = np.full(len(self.local_step), -np.inf)
         pairs = len(self.pairs)
         self.scatter = np.stack([self.pair, np.full(count, pairs)], axis=1)
         self.scattered = [

@@ -687,9 +687,20 @@ class Bulk:
             {
                 at.LEFT_DOMAIN: f"A bead left the domain: {where}; make the domain larger or close the walls.",
                 at.EXPLODED: f"The energy exploded: {where}, speed {np.linalg.norm(row[3:6]):.3g} m/s; a step of "
-                f"{self.time_step:.3g} s allows at most {self._longest_step / self.time_step:.3g} m/s; use a smaller "
-                "time step, or check sizes, speeds and stiffness.",
+                f"{self.time_step:.3g} s allows at most {self._longest_step / self.time_step:.3g} m/s; "
+                + (self._throwing_wall() or "use a smaller time step, or check sizes, speeds and stiffness."),
             }[status]
+        )
+
+    def _throwing_wall(self) -> str:
+        """Which wall may throw beads faster than a step allows, at up to twice its own speed, and what to do."""
+        speeds = self._table.motion[:, WANDERS]
+        wall = int(np.argmax(speeds)) if len(speeds) else 0
+        if not len(speeds) or 2 * speeds[wall] * self.time_step < self._longest_step:
+            return ""
+        return (
+            f"{self._wall_name(wall)} moves at up to {speeds[wall]:.3g} m/s and throws beads at up to twice that: let "
+            "it move more slowly or give a smaller time step."
         )
 
     def _grow(self, capacity: int, pair_capacity: int, near_capacity: int) -> None:

@@ -269,6 +269,68 @@ bed_height = "60 +- 1 mm (n = 5)"
 
 
 @pytest.mark.usefixtures("in_this_process")
+def test_a_stated_bulk_density_is_fitted_unless_the_bed_height_is_there(tmp_path, capsys, monkeypatch):
+    def packed(*, contacts, seed, **_):
+        static = next(one["static_friction"] for one in contacts if one["pair"] == ["D6", "D6"])
+        density = 420 - 60 * static + 0.5 * np.random.default_rng(seed).normal()
+        found = [
+            Quantity("bed_height", 24 / density, 1e-4, "m", "surface bead tops"),
+            Quantity("bulk_density", density, 1, "kg/m^3", "surface bead tops"),
+        ]
+        return {"quantities": [asdict(one) for one in found], "warnings": [], "wall_s": 0.0}
+
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", packed)
+    asked = ["calibrate", str(tmp_path), "--fit", "static_friction=0.1..0.9", "--budget", "15", "--json"]
+    density = 'bulk_density = "390 +- 2 kg/m^3 (n = 5)"\n'
+    fitted = {}
+    for name, measured in {"density": density, "both": f'{density}bed_height = "61.5 +- 0.3 mm (n = 5)"\n'}.items():
+        text = BED.partition("bed_height")[0] + measured
+        (tmp_path / "lab.toml").write_text(text, encoding="utf-8")
+        assert run(asked) == 0
+        found = json.loads(capsys.readouterr().out)
+        fitted[name] = {row["quantity"] for row in found["predictions"]}
+        assert found["best"]["static_friction"] == pytest.approx(0.5, abs=0.1)
+    assert fitted == {"density": {"bulk_density"}, "both": {"bed_height"}}
+
+
+def test_what_was_measured_but_cannot_be_fitted_is_named(tmp_path, capsys):
+    heap = """
+        [[experiments]]
+        id = "heap"
+        rig = "pile"
+        variant = "piling"
+        particle = "D6"
+        wall = "steel"
+        base_diameter = "90 mm"
+        measured.pile_height = "25 +- 1 mm (n = 5)"
+        measured.angle_of_repose_graphical = {value = "30 +- 1 deg (n = 5)", side = "left"}
+    """
+    (tmp_path / "lab.toml").write_text(heap, encoding="utf-8")
+    assert run(["calibrate", str(tmp_path)]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "of a pile: angle_of_repose_graphical, angle_of_repose_geometric, the mean of both sides" in said
+    assert "measured: pile_height, left angle_of_repose_graphical" in said
+
+
+def test_a_setting_of_another_variant_is_no_parameter(tmp_path, capsys):
+    heap = """
+        [[experiments]]
+        id = "heap"
+        rig = "pile"
+        variant = "piling"
+        particle = "D6"
+        wall = "steel"
+        base_diameter = "90 mm"
+        measured.angle_of_repose_graphical = "30 +- 1 deg (n = 5)"
+    """
+    (tmp_path / "lab.toml").write_text(heap, encoding="utf-8")
+    assert run(["calibrate", str(tmp_path), "--fit", "lift_speed=10mm/s..30mm/s"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "no experiment that is fitted depends on 'lift_speed'" in said
+    assert "outlet_diameter" in said
+
+
+@pytest.mark.usefixtures("in_this_process")
 def test_contacts_of_a_kind_are_named_with_their_pair(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)
     (tmp_path / "lab.toml").write_text(ONE_RIG + BED, encoding="utf-8")

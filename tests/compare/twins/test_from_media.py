@@ -76,7 +76,8 @@ def test_a_heap_has_the_particles_that_its_volume_holds():
     assert "twice the volume" in said
     small, said, assumed = completed(PileSettings(0.06), media(profiles=(cone(0.03, 0.02),)))
     assert small.count == 1000
-    assert "more than twice" in said
+    assert "twice the volume of the filmed heap, which reaches the edge of its base, is " in said
+    assert said.endswith(" particles, and at least 1000 are poured")
     assert not any("particles" in one for one in assumed)
     assert completed(replace(base, count=500), media(profiles=(cone(0.1, 0.05),)))[0].count == 500
 

@@ -12,7 +12,7 @@ import trimesh
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.file.lab_file import read_cast, read_lab
 from rigtwin.lab.file.model_file import Model, read_model, write_model
-from rigtwin.lab.materials import Particle, very_small
+from rigtwin.lab.materials import Particle, heavier_than_its_solid, very_small
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.size_distributions import listed, lognormal, normal, sieved, uniform
 
@@ -271,6 +271,14 @@ def test_only_particles_that_are_used_are_made(tmp_path, monkeypatch):
 def test_sizes_that_no_particle_has_are_refused(tmp_path, keys, words):
     with pytest.raises(BadLabFile, match=words):
         own(tmp_path, keys)
+
+
+def test_a_particle_heavier_than_its_solid_is_remarked(tmp_path):
+    sphere = 720 * math.pi / 6 * 0.006**3 * 1e3  # [g], of solid ash
+    heavy = heavier_than_its_solid(own(tmp_path, f'diameter = "6 mm"\nmass = "{3 * sphere} g"'))
+    assert "which is 2160 kg/m^3, and ash has 720 kg/m^3" in heavy
+    for share in (0.8, 1.05):  # holes; a caliper's last digit
+        assert heavier_than_its_solid(own(tmp_path, f'diameter = "6 mm"\nmass = "{share * sphere} g"')) == ""
 
 
 def test_a_particle_thinner_than_a_hair_is_remarked(tmp_path):

@@ -740,6 +740,24 @@ def test_a_bead_that_looks_larger_than_stated_makes_lengths_doubtful_and_no_angl
         assert angle(result, quantity, "mean").value == pytest.approx(angle(exact, quantity, "mean").value, abs=1.5)
 
 
+@pytest.mark.parametrize(("of_base", "of_bead"), [(10, 1), (1, 5), (0.2, 1)])
+def test_base_and_bead_that_contradict_each_other_are_named_with_both_sizes(
+    of_base: float, of_bead: float, tmp_path: Path
+) -> None:
+    scene = Scene(seed=8)
+    base, bead = scene.base * BEAD * of_base, BEAD * of_bead
+    result = measure([photograph(tmp_path, scene)], Camera(), base_diameter=base, bead_diameter=bead)
+    (check,) = (check for check in result.checks if check.check == "bead_size")
+    assert check.value == pytest.approx(of_base / of_bead, rel=0.16)
+    assert f"{bead * 1e3:.4g} mm stated" in check.message
+    assert f"{base * 1e3:.4g} mm are stated" in check.message
+    exact = truth(scene)
+    for quantity in MAIN:
+        found = angle(result, quantity, "mean")
+        assert found.value == pytest.approx(angle(exact, quantity, "mean").value, abs=1.5)
+        assert "threshold" not in found.doubtful
+
+
 def test_a_photo_without_any_scale_gives_angles_and_says_what_lengths_need(tmp_path: Path) -> None:
     scene = Scene(seed=9)
     result = measure([photograph(tmp_path, scene)], Camera(), out=tmp_path / "out")

@@ -86,7 +86,9 @@ def test_a_refusal_names_a_stated_centre_that_is_far_from_the_body(found):
     x, y = path[40]
     with pytest.raises(NothingToMeasure) as refused:
         measured(CLIP, Seed(40, (x, y - 150)))
-    assert f"; --centre 40:{x:g},{y - 150:g} is used as stated, but lies 150 px from" in refused.value.message
+    said = refused.value.message
+    assert said.startswith(f"{CLIP}: --centre 40:{x:g},{y - 150:g} is used as stated, but lies 150 px from")
+    assert "in this frame: leave it out, or correct it, first. With it nothing was measured: " in said
 
 
 def covered(target, places, clip=CLIP):
@@ -126,6 +128,14 @@ def test_a_centre_of_a_pendulum_that_is_far_from_its_bead_is_named(away):
     moved = pendulum.measure(DOUBLE, replace(camera, centre=(Seed(30, (x, y + away)),)))
     (said,) = [each for each in moved.warnings if "stated" in each]
     assert said.startswith(f"--centre 30:{x:g},{y + away:g} is used as stated, but lies {away} px from the body")
+
+
+def test_two_centres_that_both_beads_of_a_pendulum_cannot_have_are_refused():
+    camera = Camera(frame_rate=240.0, centre=(Seed(30, (300.0, 300.0)), Seed(30, (303.0, 300.0))))
+    with pytest.raises(
+        BadInput, match=r"--centre 30:300,300 and --centre 30:303,300 are 3 px apart.*leave one of them"
+    ):
+        pendulum.measure(DOUBLE, camera)
 
 
 def test_a_stated_centre_of_a_tilt_takes_the_place_of_the_one_that_was_found(slid):
