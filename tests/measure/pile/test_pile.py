@@ -20,7 +20,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Evaluation, Measurement, Quantity
 from rigtwin.lab.records import Profile, write_profile
-from rigtwin.lab.tracked.read import read_profile
+from rigtwin.lab.tracked.read import read_profiles
 from rigtwin.measure.bulk.beads import find_beads
 from rigtwin.measure.bulk.outline import View
 from rigtwin.measure.pile.base_disc import _face_share, _first_edge, _Template
@@ -289,7 +289,7 @@ def test_a_profile_table_is_measured_like_the_record_it_holds(tmp_path: Path) ->
     heap = triangle(25, 29, grain=0.002)
     write_profile(tmp_path / "heap.csv", heap)
     from_table = measure([tmp_path / "heap.csv"], Camera(), bead_diameter=0.002, out=tmp_path / "out")
-    straight = evaluate([read_profile(tmp_path / "heap.csv")], bead_diameter=0.002)
+    straight = evaluate([read_profiles(tmp_path / "heap.csv").profiles[0]], bead_diameter=0.002)
     assert angle(from_table, GRAPHICAL, "left").value == angle(straight, GRAPHICAL, "left").value
     assert from_table.files["plot"].is_file()
     json.dumps(from_table.to_json(), allow_nan=False)
@@ -522,7 +522,7 @@ def test_scale_roll_and_pictures_come_with_the_angles(tmp_path: Path) -> None:
         "heap-profile.csv",
     }
     assert json.loads(json.dumps(result.to_json(), allow_nan=False))["rig"] == "pile"
-    again = evaluate([read_profile(result.files["record"])], base_diameter=width, bead_diameter=BEAD)
+    again = evaluate([read_profiles(result.files["record"]).profiles[0]], base_diameter=width, bead_diameter=BEAD)
     assert angle(again, GRAPHICAL, "left").value == pytest.approx(angle(result, GRAPHICAL, "left").value, abs=0.05)
 
 
