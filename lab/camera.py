@@ -135,12 +135,13 @@ class Camera:
 
     def _faults(self) -> Iterator[tuple[str, str]]:
         """Keys with values that cannot be or contradict another key, and what is wrong."""
-        of_scale = "scale" if self.known_length is None or self.scale is not None else "known_length"
-        in_pixel = "m in a pixel; write it like '0.2 mm/px', or a known length with the pixels that it spans."
+        length = self.known_length
         for name, value, least, most, rest in (
             ("frame_rate", self.frame_rate, SLOWEST, FASTEST, "Hz; write it like '240 Hz'."),
-            (of_scale, self.given_scale, NARROWEST_PIXEL, WIDEST_PIXEL, in_pixel),
-        ):
+            ("scale", self.scale, NARROWEST_PIXEL, WIDEST_PIXEL, "m in a pixel; write it like '0.2 mm/px'."),
+            ("known_length", None if length is None else length.scale, NARROWEST_PIXEL, WIDEST_PIXEL,
+             "m in a pixel; give the length with its unit and the pixels that it spans, like '100mm:120,40,620,40'."),
+        ):  # fmt: skip
             if value is not None and not (math.isfinite(value) and value > 0):
                 yield name, f"must be positive, got {value:g}."
             elif value is not None and not least <= value <= most:
