@@ -30,7 +30,7 @@ STATED_SIGMA = 2.0  # [px], standard uncertainty of a point that the user states
 STATED_OFF = 4.0  # standard uncertainties by which what is seen may lie beside a point that is stated
 # Relative standard uncertainty of a scale that is stated, where a rig knows no other: as of a length of 280 px between
 # two points of STATED_SIGMA each.
-GIVEN_UNCERTAINTY = 0.01
+STATED_SCALE_UNCERTAINTY = 0.01
 # of a camera whose lens is not known: focal length over the picture's width or longer side, between a
 # phone (0.75) and a macro lens (3 and more), and the standard deviation of its logarithm
 FOCAL_LENGTH, FOCAL_UNCERTAINTY = 2.0, 0.4
@@ -229,7 +229,7 @@ class Camera:
             return "board"
         return "given" if self.scale is not None else "known length"
 
-    def scale_uncertainty(self, by_hand: float = GIVEN_UNCERTAINTY) -> float:
+    def scale_uncertainty(self, by_hand: float = STATED_SCALE_UNCERTAINTY) -> float:
         """Return the relative standard uncertainty of `given_scale`.
 
         Parameters
