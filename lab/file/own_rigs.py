@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -162,10 +163,38 @@ def rig_of_keys(keys: Mapping[str, Any], lab: Path | None = None) -> OwnRig:
     return found
 
 
+def named_for(files: Sequence[Path]) -> dict[str, Path]:
+    """Return walls that are named for their files, with a number where another one has the name.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        STL files.
+
+    Returns
+    -------
+    dict of str to Path
+        Files by the names of their walls, in their order.
+
+    Examples
+    --------
+    >>> list(named_for([Path("a/cup.stl"), Path("b/cup.stl"), Path("lid (1).stl")]))
+    ['cup', 'cup-2', 'lid_1_']
+    """
+    walls: dict[str, Path] = {}
+    for file in files:
+        name = re.sub(r"[^A-Za-z0-9_-]+", "_", file.stem)[:50] or "wall"  # `NAMES` leaves room for a number
+        numbered = (f"{name}-{number}" for number in itertools.count(2))
+        walls[next(free for free in itertools.chain((name,), numbered) if free not in walls)] = file
+    return walls
+
+
 def _said(key: Key) -> str:
-    """A key as a person says it, who gives a box as `fill` or `region`."""
+    """A key as a person says it, who gives a box as `fill` or `region`, and a wall as its file."""
     if key[:2] == ("regions", "region"):
         return "region"
+    if key[:1] == ("walls",) and len(key) == 3:
+        return "stl" if key[2:] == ("stl",) else f"{key[2]}: wall {key[1]}"
     return "fill" if key[:1] == ("fill",) else dotted(key)
 
 
