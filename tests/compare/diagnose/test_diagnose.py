@@ -23,6 +23,8 @@ from rigtwin.compare.diagnose.models.drop import DropBench, impacts
 from rigtwin.compare.diagnose.models.sensitivities import slopes
 from rigtwin.compare.diagnose.page import page
 from rigtwin.compare.diagnose.selection import formula
+from rigtwin.compare.diagnose.selection.bent_laws import gained_beside
+from rigtwin.compare.diagnose.selection.candidate import Candidate
 from rigtwin.compare.diagnose.selection.gap import beside, gap
 from rigtwin.compare.diagnose.selection.locate import holm, locate
 from rigtwin.compare.diagnose.selection.name_effects import Naming
@@ -474,6 +476,18 @@ def test_a_push_the_other_way_separates_a_tilted_table_from_a_rolled_camera(tmp_
 
 
 @pytest.mark.slow
+def test_a_second_effect_gains_as_much_where_the_law_of_the_first_is_free(tmp_path):
+    bench = bench_of(read_tracked_lab(write_drops(tmp_path / "lab", 3, repetitions=3, drag=0.45, clock=0.004)))
+    base, sets = fit(bench), []
+    for names in (("air_drag",), ("air_drag", "frame_rate_error")):
+        terms = tuple(map(named, names))
+        found = fit(bench, terms, near=base)
+        sets.append(Candidate(terms, found, base.deviance - found.deviance))
+    fewer, more = sets
+    assert more.gain - fewer.gain > 100
+    assert gained_beside(bench, fewer, more) == pytest.approx(more.gain - fewer.gain, rel=0.1)
+
+
 def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
     lab = write_drops(tmp_path / "lab", 18, repetitions=3, drag=0.5, clock=-0.006)
     document = verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error").to_json()
