@@ -31,7 +31,7 @@ from rigtwin.compare.diagnose.selection.name_effects import Naming
 from rigtwin.compare.diagnose.selection.next_experiment import Setting, designs, separation
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.model_file import Model, read_model, write_model
+from rigtwin.lab.file.model_file import Model, model_text, read_model
 from rigtwin.lab.progress import silent
 from rigtwin.sim.effects import named
 from rigtwin.sim.effects.nameless_terms import nameless
@@ -288,7 +288,7 @@ def test_the_named_effect_closes_the_gap_on_repetitions_and_on_a_height_held_out
 
 
 def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
-    write_model(tmp_path / "model.toml", model_of(dragged))
+    (tmp_path / "model.toml").write_text(model_text(model_of(dragged)), encoding="utf-8")
     read = read_model(tmp_path / "model.toml")
     assert read.effects["air_drag"]["drag_coefficient"] == pytest.approx(0.5, abs=0.05)
     html = page(dragged, {}, Methods(()))
@@ -456,7 +456,7 @@ def test_rolling_friction_that_grows_with_speed_is_named(rolled):
 
 
 def test_the_model_file_of_a_rolling_bead_carries_its_rolling_friction(rolled, tmp_path):
-    write_model(tmp_path / "model.toml", model_of(rolled))
+    (tmp_path / "model.toml").write_text(model_text(model_of(rolled)), encoding="utf-8")
     (contact,) = read_model(tmp_path / "model.toml").contacts.values()
     fitted = rolled.chosen.fitted
     assert contact.rolling_friction == pytest.approx(fitted.value(f"rolling_friction.{rolled.bench.pairs[0]}"))
@@ -882,7 +882,7 @@ def test_the_formulas_of_a_model_file_are_read_back_and_found_by_their_names(tmp
         for term in nameless(rig):
             assert named(term.name).equation == term.equation
     effects = {"form:v|v|": {"c": -0.3}, "form:e~1/v": {"c": 0.01}}
-    write_model(tmp_path / "model.toml", Model({}, {}, {}, effects))
+    (tmp_path / "model.toml").write_text(model_text(Model({}, {}, {}, effects)), encoding="utf-8")
     assert read_model(tmp_path / "model.toml").effects == effects
 
 
