@@ -47,16 +47,21 @@ class Key(NamedTuple):
 
 def keys(entry: type[BaseModel], leave_out: Iterable[str] = ()) -> list[Key]:
     """The keys of a table in their order."""
-    return [_key(name, field) for name, field in entry.model_fields.items() if name not in set(leave_out)]
+    rig = next((name for name, one in schema.experiment_entries().items() if one is entry), None)
+    only_of = {} if rig is None else SETTINGS[rig].only_of
+    left = {name: field for name, field in entry.model_fields.items() if name not in set(leave_out)}
+    return [_key(name, field, only_of.get(name)) for name, field in left.items()]
 
 
-def _key(name: str, field: FieldInfo) -> Key:
+def _key(name: str, field: FieldInfo, variant: str | None) -> Key:
+    """A key; `variant` is the only one of its rig that has it."""
     dimension = schema.dimension_of(field)
     unit = DIMENSIONS[dimension][0] if dimension else ""
     value = None if field.is_required() else field.get_default(call_default_factory=True)
     written = isinstance(value, (str, int, float)) and value != ""
     default = "required" if field.is_required() else (schema.toml(value) if written else "")
     said = field.description or ""
+    said = f"{variant}: {said}" if variant and said else said
     return Key(name, _kind(field, dimension), unit, default, _example(name, field), said, field.is_required())
 
 

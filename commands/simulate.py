@@ -666,7 +666,7 @@ def simulate_custom(
     """
     from rigtwin.compare.twins.twin import stated
     from rigtwin.lab.errors import BadInput
-    from rigtwin.lab.file.own_rigs import read_own_rig, rig_of_keys
+    from rigtwin.lab.file.own_rigs import named_for, read_own_rig, rig_of_keys
 
     regions = None if region is None else {"region": region}
     keys = stated(
@@ -684,7 +684,7 @@ def simulate_custom(
             raise BadInput("--name and --stl both say which walls there are; leave one of them out.")
         if fill is None:
             raise BadInput("--fill: --stl needs it: two corners of a box, like '-20mm,-20mm,5mm..20mm,20mm,80mm'.")
-        walls = {f"stl{k}": {"stl": str(file), "stl_unit": stl_unit or "mm"} for k, file in enumerate(stl, start=1)}
+        walls = {name: {"stl": str(file), "stl_unit": stl_unit or "mm"} for name, file in named_for(stl).items()}
         usual = {"particle": "D6", "wall": "steel", "count": 500, "end": "at rest"}
         own = rig_of_keys({**usual, **keys, "walls": walls}, lab)
     elif lab is None:

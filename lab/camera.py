@@ -30,7 +30,7 @@ STATED_SIGMA = 2.0  # [px], standard uncertainty of a point that the user states
 STATED_OFF = 4.0  # standard uncertainties by which what is seen may lie beside a point that is stated
 # Relative standard uncertainty of a scale that is stated, where a rig knows no other: as of a length of 280 px between
 # two points of STATED_SIGMA each.
-GIVEN_UNCERTAINTY = 0.01
+STATED_SCALE_UNCERTAINTY = 0.01
 # of a camera whose lens is not known: focal length over the picture's width or longer side, between a
 # phone (0.75) and a macro lens (3 and more), and the standard deviation of its logarithm
 FOCAL_LENGTH, FOCAL_UNCERTAINTY = 2.0, 0.4
@@ -135,12 +135,13 @@ class Camera:
 
     def _faults(self) -> Iterator[tuple[str, str]]:
         """Keys with values that cannot be or contradict another key, and what is wrong."""
-        of_scale = "scale" if self.known_length is None or self.scale is not None else "known_length"
-        in_pixel = "m in a pixel; write it like '0.2 mm/px', or a known length with the pixels that it spans."
+        length = self.known_length
         for name, value, least, most, rest in (
             ("frame_rate", self.frame_rate, SLOWEST, FASTEST, "Hz; write it like '240 Hz'."),
-            (of_scale, self.given_scale, NARROWEST_PIXEL, WIDEST_PIXEL, in_pixel),
-        ):
+            ("scale", self.scale, NARROWEST_PIXEL, WIDEST_PIXEL, "m in a pixel; write it like '0.2 mm/px'."),
+            ("known_length", None if length is None else length.scale, NARROWEST_PIXEL, WIDEST_PIXEL,
+             "m in a pixel; give the length with its unit and the pixels that it spans, like '100mm:120,40,620,40'."),
+        ):  # fmt: skip
             if value is not None and not (math.isfinite(value) and value > 0):
                 yield name, f"must be positive, got {value:g}."
             elif value is not None and not least <= value <= most:
@@ -228,7 +229,7 @@ class Camera:
             return "board"
         return "given" if self.scale is not None else "known length"
 
-    def scale_uncertainty(self, by_hand: float = GIVEN_UNCERTAINTY) -> float:
+    def scale_uncertainty(self, by_hand: float = STATED_SCALE_UNCERTAINTY) -> float:
         """Return the relative standard uncertainty of `given_scale`.
 
         Parameters

@@ -223,7 +223,7 @@ _change: ContextVar[Callable[[str], str]] = ContextVar("_change", default=str)
 
 
 def reword(text: str) -> str:
-    """Return a message with the names by which the user states things: options, or within `reworded_refusals` others.
+    """Return a message in the words of `reworded_refusals` around it: names of options or, of a lab, of keys.
 
     Parameters
     ----------
@@ -240,12 +240,27 @@ def reword(text: str) -> str:
 
 @contextmanager
 def reworded_refusals(change: Callable[[str], str]) -> Iterator[None]:
-    """Change the words of refusals from within, and of what `reword` is asked within.
+    """Change the words of errors from within, and of texts that `reword` is given within.
+
+    The message of any `RigtwinError` is changed on its way out, not what it carries besides: faults, remarks, what was
+    seen. Of several around each other the innermost holds for `reword`, and an error passes through all of them. A
+    thread that is started within has none.
 
     Parameters
     ----------
     change : callable
-        Returns a message in other words.
+        Returns a message in other words, and one that it has changed as it is.
+
+    Raises
+    ------
+    RigtwinError
+        The error from within.
+
+    Examples
+    --------
+    >>> with reworded_refusals(lambda text: text.replace("--base", "base")):
+    ...     reword("state it with --base.")
+    'state it with base.'
     """
     before = _change.set(change)
     try:

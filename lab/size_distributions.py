@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 from rigtwin.lab.errors import BadInput
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 By = Literal["number", "mass"]
 Law = Literal["list", "uniform", "normal", "lognormal", "sieve"]
-LAWS: tuple[Law, ...] = get_args(Law)
 
 STEPS = 100  # intervals of a law's table, evenly spaced in diameter; the mean mass is good to 1e-4
 MOST_STEPS = 1000  # of a sieving with many classes

@@ -6,6 +6,7 @@ places, what changes over a film, and the marks that the refusal carries (`rigtw
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -131,11 +132,16 @@ def _with_stated(media: Sequence[Path], camera: object, error: NothingToMeasure)
         it = "it" if len(error.remarks) == 1 else "them"
         contradicted = "; ".join(each.rstrip(".") for each in error.remarks)
         why = f"{contradicted}: leave {it} out, or correct {it}, first. With {it} nothing was measured: {why}"
-    others = [option for option in _camera(camera, media, medium).stated_options if option not in why]
+    others = [option for option in _camera(camera, media, medium).stated_options if not _names(why, option)]
     if others:
         listed = ", ".join(others[:MOST_NAMED]) + (" ..." if len(others) > MOST_NAMED else "")
         why = f"{why.rstrip('.')}; used as stated: {listed}; what is left out is searched in the picture."
     return named + why
+
+
+def _names(text: str, option: str) -> bool:
+    """Whether a text has an option with this value, not with a longer one that begins like it (``--floor 100``)."""
+    return re.search(rf"{re.escape(option)}(?![\w.,:-]*\w)", text) is not None
 
 
 def _camera(given: object, media: Sequence[Path], medium: Path) -> Camera:

@@ -21,7 +21,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY, Drop
 from rigtwin.lab.units import positive
-from rigtwin.sim.engine.time_step import SINGLE
+from rigtwin.sim.engine.time_step import FEW_BODIES
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA
 
 SHORTEST = 6  # frames of a flight that can be evaluated; the record ends before shorter ones
@@ -62,7 +62,7 @@ def numerics(particle: Particle, effects: Effects) -> dict[str, str]:
     return {
         "contact_law": Mechanics.contact,
         "stiffness_factor": "1 (the real Young's moduli)",
-        "time_step": f"{100 * SINGLE:g}% of Rayleigh's, at most",
+        "time_step": f"{100 * FEW_BODIES:g}% of Rayleigh's, at most",
         "rolling_resistance": f"{Mechanics.rolling}, torque limit mu_r Fn R",
         **named_in(acting_among(effects, particle)[0]),
     }
@@ -132,7 +132,7 @@ def run(
     turn = _orientation(rig.turned, seed)
     lowest = _lowest(particle, turn)
     interval = 1 / frame_rate
-    steps = math.ceil(interval / (SINGLE * particle.rayleigh_time_step))
+    steps = math.ceil(interval / (FEW_BODIES * particle.rayleigh_time_step))
     reach = 2 * rig.drop_height + 4 * particle.diameter  # longest possible flight; later ones are shorter
     high = rig.drop_height + 2 * particle.diameter
     bulk = Bulk(

@@ -19,7 +19,7 @@ from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
 from rigtwin.lab.units import positive
 from rigtwin.sim.engine.contact import Rolling
-from rigtwin.sim.engine.time_step import SINGLE
+from rigtwin.sim.engine.time_step import FEW_BODIES
 from rigtwin.sim.run.frame_times import MOST_FRAMES, frame_times
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
 
@@ -256,7 +256,7 @@ def _case(trial: Trial, frames: _Frames) -> Case:
         walls=[Wall(Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), plate, contact)],
         gravity=(-GRAVITY * math.sin(rig.start_angle), 0.0, -GRAVITY * math.cos(rig.start_angle)),
         gravity_turns=rig.speed,
-        step=contact_step([body], SINGLE),
+        step=contact_step([body], FEW_BODIES),
         rolling=trial.rolling,
         effects=acting(trial.effects),
     )
@@ -320,7 +320,7 @@ def numerics(rig: Tilt, particle: Particle, effects: Effects) -> dict[str, str]:
     return {
         "contact_law": Case.contact_law,
         "stiffness_factor": f"{Trial.stiffness_factor:g} of the real Young's moduli of body and plate",
-        "time_step": f"{100 * SINGLE:g}% of Rayleigh's, at most",
+        "time_step": f"{100 * FEW_BODIES:g}% of Rayleigh's, at most",
         **rolls,
         **named_in(_acting(rig, particle, effects)[0]),
     }
@@ -412,7 +412,7 @@ def _rolled_clump(trial: Trial, time: Array, progress: Progress) -> Array:
     along = rig.plate_length / 2
     start = np.array([[along * cosine - lowest * sine, 0.0, along * sine + lowest * cosine]])
     interval = float(time[1] - time[0])
-    steps = math.ceil(interval / (SINGLE * clump.rayleigh_time_step))
+    steps = math.ceil(interval / (FEW_BODIES * clump.rayleigh_time_step))
     lifting = Motion(spin=rig.speed, axis=(0.0, -1.0, 0.0), start=FRAMES_AT_REST * interval)
     room = 1.5 * rig.plate_length
     bulk = Bulk(

@@ -23,6 +23,7 @@ from rigtwin.lab.output_files import replacing
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rig_quantities import ABOVE_RIM
+from rigtwin.lab.rigs import SLOT_LENGTH
 
 if TYPE_CHECKING:
     from rigtwin.compare.campaign.calibration import Calibration
@@ -203,7 +204,7 @@ def lab_text(particle: str) -> str:
     )
     text.append(_experiment("drum", "drum", particle, "PMMA", drum, list(_angles(printed, "drum"))))
     hopper = (
-        f'variant = "slot"\nbin_width = "150 mm"\ndepth = "{1e3 * paper_runs.SLOT:g} mm"\n'
+        f'variant = "slot"\nbin_width = "150 mm"\ndepth = "{1e3 * SLOT_LENGTH:g} mm"\n'
         f'outlet = "{discharge["outlet_mm"]} mm"\ncount = {int(float(discharge["particles"]))}'
     )
     time = float(discharge["discharge_time_exp_s"])

@@ -34,7 +34,6 @@ DEPTH = 30e-3  # [m], depth of the drum
 FILL = 0.35  # filled share of the drum's volume
 PACKED = 0.6  # approximate packing fraction of a bed
 TURNS = 0.75  # revolutions of the drum
-SLOT = SLOT_LENGTH  # [m]
 OUTLET = 50e-3  # [m], outlet diameter of the conical hopper
 PRINTED_EMPTIED = 12223  # emptied particles, table 13 at 1e6 Pa
 PILED = 1.6  # particles poured over the number in a full bowl with a pile of 30 degrees
@@ -189,7 +188,7 @@ def slot_hopper(
     outlet: float,
     count: int,
     seed: int,
-    slot_length: float = SLOT,
+    slot_length: float = SLOT_LENGTH,
     wall: str = "PMMA",
     rolling: Rolling = "type C",
 ) -> dict[str, Any]:

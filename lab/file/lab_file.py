@@ -281,10 +281,32 @@ def faulty(lab: Lab, faults: Sequence[Fault]) -> BadLabFile:
     BadLabFile
         The error.
     """
-    number = {one.id: place for place, one in enumerate(lab.experiments)}
-    return read_document(lab.path).error(
-        Problem(("experiments", number[one.experiment.id], *one.key), one.why) for one in faults
-    )
+    return read_document(lab.path).error(Problem(_whole(lab, one.experiment, one.key), one.why) for one in faults)
+
+
+def stands_in(lab: Lab, experiment: Experiment, key: Key) -> bool:
+    """Return whether the file of a lab states a key of an experiment.
+
+    Parameters
+    ----------
+    lab : Lab
+        Lab as it was read.
+    experiment : Experiment
+        One of its experiments.
+    key : Key
+        Key within the experiment, such as ``("camera", "start")``.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
+    return _whole(lab, experiment, key) in read_document(lab.path).lines
+
+
+def _whole(lab: Lab, experiment: Experiment, key: Key) -> Key:
+    """A key of an experiment from the root of the file."""
+    return ("experiments", [one.id for one in lab.experiments].index(experiment.id), *key)
 
 
 def read_cast(folder: Path, particle: str | None = None) -> Model:

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from rigtwin.lab.file.lookup import Inventory
 from rigtwin.lab.file.schema import ModelFile, read_document, validated
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle, pair
-from rigtwin.lab.output_files import replacing
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.size_distributions import Sizes
 
@@ -121,22 +120,8 @@ def read_model(path: Path) -> Model:
     return Model(inventory.materials, inventory.particles, inventory.contacts, dict(file.effects))
 
 
-def write_model(path: Path, model: Model) -> None:
-    """Write a model.toml that `read_model` reads back the same.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the model.toml; it is replaced.
-    model : Model
-        Model that is written.
-    """
-    with replacing(path) as part:
-        part.write_text(model_text(model), encoding="utf-8")
-
-
 def model_text(model: Model) -> str:
-    """Return the text of a model.toml.
+    """Return the text of a model.toml, which `read_model` reads back the same.
 
     Parameters
     ----------

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from functools import cache, partial
-from typing import get_args
 
 from rigtwin.lab.errors import rename_options, reworded_refusals
-from rigtwin.lab.file.schema import ExperimentEntry, ParticleEntry, keys_of_camera
+from rigtwin.lab.file.schema import ParticleEntry, experiment_entries, keys_of_camera
 
 _OF_PARTICLE = "bead_"  # options of the particle begin with it, its keys do not
 
@@ -49,8 +48,7 @@ def _key(rig: str, particle: str, name: str, value: str) -> str | None:
 @cache
 def _keys(rig: str) -> set[str]:
     """Keys of an experiment and its camera."""
-    entries = {get_args(entry.model_fields["rig"].annotation)[0]: entry for entry in get_args(ExperimentEntry)}
-    return {*entries[rig].model_fields, *keys_of_camera(rig)}
+    return {*experiment_entries()[rig].model_fields, *keys_of_camera(rig)}
 
 
 def naming_lab_keys(rig: str, particle: str) -> AbstractContextManager[None]:

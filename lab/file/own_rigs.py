@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,37 +57,6 @@ MOTIONS = ("velocity", "rotation_speed", "vibration_amplitude")
 
 
 @dataclass(frozen=True)
-class Stated:
-    """Where the keys of a rig stand."""
-
-    document: Document
-    key: Key
-    instead: frozenset[str]  # keys that options state in their place
-
-    def located(self, refusal: str) -> str:
-        """Return a refusal with its place, as `OwnRig.located` does.
-
-        Parameters
-        ----------
-        refusal : str
-            The sentence.
-
-        Returns
-        -------
-        str
-            The sentence.
-        """
-        begins = _KEY.match(refusal)
-        if begins is None:
-            return refusal
-        names = begins[0].split(".")
-        if names[0] in self.instead or (*self.key, names[0]) not in self.document.lines:
-            return refusal
-        line = self.document.line((*self.key, *names))
-        return f"{self.document.path}, line {line}: {dotted(self.key)}.{refusal}"
-
-
-@dataclass(frozen=True)
 class OwnRig:
     """A rig of a lab.toml, and what the file knows of its particle, materials and contacts."""
 
@@ -97,23 +68,18 @@ class OwnRig:
     model: Model
     notes: tuple[str, ...] = ()
     """What is odd about an STL file."""
-    stated: Stated | None = None
-    """Where its keys stand; None where it is of no file."""
+    located: Callable[[str], str] = str
+    """Returns a refusal that begins with a key of the file (``walls.cup: ...``) with file and line before it."""
 
-    def located(self, refusal: str) -> str:
-        """Return a refusal that begins with a key, like ``walls.cup: ...``, with its file and line before it.
 
-        Parameters
-        ----------
-        refusal : str
-            The sentence.
-
-        Returns
-        -------
-        str
-            The sentence, unchanged where the key is in no file.
-        """
-        return refusal if self.stated is None else self.stated.located(refusal)
+def _located(document: Document, key: Key, instead: frozenset[str], refusal: str) -> str:
+    """A refusal with file and line of the key below `key` that it begins with, if no option stands `instead`."""
+    begins = _KEY.match(refusal)
+    names = begins[0].split(".") if begins is not None else []
+    if not names or names[0] in instead or (*key, names[0]) not in document.lines:
+        return refusal
+    line = document.line((*key, *names))
+    return f"{document.path}, line {line}: {dotted(key)}.{refusal}"
 
 
 def read_own_rig(
@@ -161,7 +127,7 @@ def read_own_rig(
             if problem.key[: len(reading.key)] == reading.key and part and part[0] in (instead or {}):
                 raise BadInput(f"{_said(part)}: {problem.what}")
         raise document.error(inventory.problems)
-    return replace(found, stated=Stated(document, reading.key, frozenset(instead or ())))
+    return replace(found, located=partial(_located, document, reading.key, frozenset(instead or ())))
 
 
 def rig_of_keys(keys: Mapping[str, Any], lab: Path | None = None) -> OwnRig:
@@ -197,10 +163,38 @@ def rig_of_keys(keys: Mapping[str, Any], lab: Path | None = None) -> OwnRig:
     return found
 
 
+def named_for(files: Sequence[Path]) -> dict[str, Path]:
+    """Return walls that are named for their files, with a number where another one has the name.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        STL files.
+
+    Returns
+    -------
+    dict of str to Path
+        Files by the names of their walls, in their order.
+
+    Examples
+    --------
+    >>> list(named_for([Path("a/cup.stl"), Path("b/cup.stl"), Path("lid (1).stl")]))
+    ['cup', 'cup-2', 'lid_1_']
+    """
+    walls: dict[str, Path] = {}
+    for file in files:
+        name = re.sub(r"[^A-Za-z0-9_-]+", "_", file.stem)[:50] or "wall"  # `NAMES` leaves room for a number
+        numbered = (f"{name}-{number}" for number in itertools.count(2))
+        walls[next(free for free in itertools.chain((name,), numbered) if free not in walls)] = file
+    return walls
+
+
 def _said(key: Key) -> str:
-    """A key as a person says it, who gives a box as `fill` or `region`."""
+    """A key as a person says it, who gives a box as `fill` or `region`, and a wall as its file."""
     if key[:2] == ("regions", "region"):
         return "region"
+    if key[:1] == ("walls",) and len(key) == 3:
+        return "stl" if key[2:] == ("stl",) else f"{key[2]}: wall {key[1]}"
     return "fill" if key[:1] == ("fill",) else dotted(key)
 
 

@@ -1054,25 +1054,25 @@ class PileEntry(_ExperimentEntry):
     outlet_diameter: Length | None = Field(
         default=None,
         examples=["25 mm"],
-        description="piling: of the funnel; by default a quarter of the base, at least three particle diameters",
+        description="of the funnel; by default a quarter of the base, at least three particle diameters",
     )
     outlet_height: Length | None = Field(
         default=None,
         examples=["120 mm"],
-        description="piling: of a fixed funnel above the base; by default it rises with the heap",
+        description="of a fixed funnel above the base; by default it rises with the heap",
     )
     tube_diameter: Length | None = Field(
-        default=None, examples=["50 mm"], description="pouring: of the tube, inside; by default half the base"
+        default=None, examples=["50 mm"], description="of the tube, inside; by default half the base"
     )
     lift_speed: Speed | None = Field(
         default=None,
         examples=["20 mm/s"],
-        description=f"pouring: with which the tube is lifted; by default {1e3 * LIFT_SPEED:.3g} mm/s",
+        description=f"with which the tube is lifted; by default {1e3 * LIFT_SPEED:.3g} mm/s",
     )
     drain_diameter: Length | None = Field(
         default=None,
         examples=["30 mm"],
-        description="emptying: of the hole in the container's floor; needed there",
+        description="of the hole in the container's floor; needed there",
     )
     count: Count | None = Field(
         default=None,
@@ -1178,7 +1178,7 @@ class HopperEntry(_ExperimentEntry):
     depth: Length | None = Field(
         default=None,
         examples=["68 mm"],
-        description=f"slot: length of the slot along the line of sight; by default {1e3 * SLOT_LENGTH:.3g} mm",
+        description=f"length of the slot along the line of sight; by default {1e3 * SLOT_LENGTH:.3g} mm",
     )
     outlet: Length | None = Field(
         default=None, examples=["34 mm"], description="width of the slot or diameter of the outlet; the twin needs it"
@@ -1186,12 +1186,12 @@ class HopperEntry(_ExperimentEntry):
     cone_height: Length | None = Field(
         default=None,
         examples=["100 mm"],
-        description=f"conical: of the cone; by default {1e3 * Hopper.cone_height:.3g} mm",
+        description=f"of the cone; by default {1e3 * Hopper.cone_height:.3g} mm",
     )
     inclination: Release | None = Field(
         default=None,
         examples=["60 deg"],
-        description=f"slot: of the walls from the level; by default {math.degrees(Hopper.inclination):.3g} deg",
+        description=f"of the walls from the level; by default {math.degrees(Hopper.inclination):.3g} deg",
     )
     total_mass: Mass | None = Field(
         default=None, examples=["85 g"], description="of all particles, weighed; the twin needs it or count"

@@ -444,32 +444,6 @@ def _up(table: Table, tracks: Sequence[Track], direction: Direction | None) -> t
 # ---------------------------------------------------------------------------------------------------------- profiles
 
 
-def read_profile(path: Path, options: TableOptions | None = None) -> Profile:
-    """Read one profile: x and height of a surface, sorted by x.
-
-    Parameters
-    ----------
-    path : Path
-        A table as for `read_profiles`; an empty height is a place that is not seen.
-    options : TableOptions, optional
-        Columns as the user states them.
-
-    Returns
-    -------
-    Profile
-        The profile [m].
-
-    Raises
-    ------
-    BadInput
-        As `read_profiles` raises it, or if the table holds several times.
-    """
-    found = read_profiles(path, options)
-    if len(found.profiles) > 1:
-        raise BadInput(f"{path}: holds {len(found.profiles)} profiles over time; give one.")
-    return found.profiles[0]
-
-
 def read_profiles(
     path: Path,
     options: TableOptions | None = None,

@@ -13,6 +13,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, FloatImage, Image, Mask
 from rigtwin.measure.bulk.outline import Silhouette
+from rigtwin.measure.geometry.disc_morphology import disc
 from rigtwin.measure.geometry.lines import at, straight
 
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
@@ -58,5 +59,5 @@ def under_glare(points: Array, glare: Mask, radius: float) -> Mask:
     if not patch.any():
         return np.zeros(len(points), dtype=bool)
     reach = 2 * math.ceil(1.5 * radius) + 1
-    patch = cv2.dilate(patch, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach)))
+    patch = cv2.dilate(patch, disc(reach))
     return np.asarray(at(patch, points) > 0)

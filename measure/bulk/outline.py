@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
+from rigtwin.lab.camera import Point
 from rigtwin.measure.bulk.beads import edges
 
 
@@ -77,6 +78,12 @@ class Silhouette:
     stated: float | None = None  # standard uncertainty of both ends of a base line that was stated
     contradicted: float = 0.0  # [px of the photo], from a base line that was stated to the one that is seen
     depression_sigma: float = 0.0  # [deg], standard uncertainty of the view's depression where no disc gives it
+
+    def in_photo(self, x: Array, height: Array) -> list[Point]:
+        """Points of the photo [px] at `x` along and `height` above the base line, shape (n,)."""
+        # the centre of the top-left pixel is 0, 0 in the photo and in the smaller picture that was analysed
+        points = (self.view.to_picture(x, height) + 0.5) / self.zoom - 0.5
+        return [(float(a), float(b)) for a, b in points]
 
     @property
     def base_line_uncertainty(self) -> tuple[float, float]:

@@ -101,10 +101,11 @@ def measure(
     NothingToMeasure
         If no drum with a bed is found, or too little of its surface is visible.
 
-    Notes ----- The origin of a drum's profile is the axis of the drum: x to the right, height upwards against gravity.
-    The surface of a drum less than half full therefore lies at negative heights.  Heights are NaN where there is no
-    bed.  Angles are magnitudes; the detail ``turning`` states the direction of rotation, by the side to which the
-    surface rises.
+    Notes
+    -----
+    The origin of a drum's profile is the axis of the drum: x to the right, height upwards against gravity.  The surface
+    of a drum less than half full therefore lies at negative heights.  Heights are NaN where there is no bed.  Angles
+    are magnitudes; the detail ``turning`` states the direction of rotation, by the side to which the surface rises.
     """
     check_settings(drum_diameter=drum_diameter, speed=speed, bead_diameter=bead_diameter)
     share = share_of(bead_diameter, drum_diameter)

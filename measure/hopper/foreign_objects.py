@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import FloatImage, Image, Mask
+from rigtwin.measure.geometry.disc_morphology import disc
 
 ACROSS = 6.0  # [px], bead diameter in the reduced picture, enough to detect a hand
 UNLIKE = 15.0  # [grey levels], least difference from all that a pixel may show
@@ -59,7 +60,7 @@ def usual_sight(
     `bed` marks beads in `full`.  `slot_row` and the diameter `bead` are in px, `noise` in grey levels.
     """
     core = cv2.erode(bed.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    near, far = (cv2.dilate(bed.astype(np.uint8), _round(each * bead)) > 0 for each in ABOUT)
+    near, far = (cv2.dilate(bed.astype(np.uint8), disc(2 * max(round(each * bead), 1) + 1)) > 0 for each in ABOUT)
     about = far & ~near
     about[max(round(slot_row - OVER_SLIDE * bead), 0) :] = False
     zoom = min(1.0, ACROSS / bead)
@@ -94,7 +95,7 @@ def foreign(picture: Image, usual: Usual) -> Mask:
     level = usual.level + float(np.median(off))
     unusual = off > level
     off[unusual] = _off_mixtures(shown[unusual], usual.first[unusual], usual.last[unusual], usual.tones)
-    found = cv2.dilate(_opened(off > level), _round(SOFT * usual.bead))
+    found = cv2.dilate(_opened(off > level), disc(2 * max(round(SOFT * usual.bead), 1) + 1))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] > LEAST * np.pi / 4 * usual.bead**2
     large[0] = False
@@ -135,11 +136,6 @@ def _off_tones(shown: FloatImage, tones: FloatImage) -> FloatImage:
 def _smaller(picture: Image | FloatImage, zoom: float) -> FloatImage:
     small = picture if zoom == 1 else cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.float32)
-
-
-def _round(radius: float) -> npt.NDArray[np.uint8]:
-    across = 2 * max(round(radius), 1) + 1
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across)), dtype=np.uint8)
 
 
 def _opened(marked: Mask) -> npt.NDArray[np.uint8]:

@@ -22,6 +22,7 @@ from rigtwin.lab.progress import Progress
 from rigtwin.measure.bulk.beads import colour_cells, find_beads, rare, shares
 from rigtwin.measure.bulk.piv import Displacements, MeanCorrelation, without_outliers
 from rigtwin.measure.geometry.camera_roll import Upright, upright
+from rigtwin.measure.geometry.disc_morphology import closed, opened
 from rigtwin.measure.hopper.falling_stream import Stream
 from rigtwin.measure.hopper.foreign_objects import Usual, crosses, foreign, usual_sight
 from rigtwin.measure.media.video import Video
@@ -229,9 +230,7 @@ def bead_mask(picture: Image, scenery: Scenery) -> Mask:
     differs = cv2.GaussianBlur(apart(picture, scenery.empty), (0, 0), max(0.1 * scenery.bead, 0.8))
     odds = scenery.odds[colour_cells(picture, 0.5 * scenery.bead)]
     found = ((differs > scenery.level) & (odds > -0.5)).astype(np.uint8)
-    size = max(2, round(0.25 * scenery.bead))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    return np.asarray(cv2.morphologyEx(found, cv2.MORPH_OPEN, kernel) > 0)
+    return np.asarray(opened(found, max(2, round(0.25 * scenery.bead))) > 0)
 
 
 def slide_strip(picture: Image, scenery: Scenery) -> Image:
@@ -387,13 +386,13 @@ def _otsu(values: npt.NDArray[np.uint8]) -> float:
 def _bed(differs: Mask, full: Image) -> Mask | None:
     """The upper of the two large regions that changed, which is the bed; the lower one is where it went."""
     changed = differs.astype(np.uint8)
-    within = _closed(changed, GAPS)
+    within = closed(changed, GAPS)
     if within.all():  # everything changed, so there is no edge to measure the depth from
         return None
     deep = 2 * float(cv2.distanceTransform(within, cv2.DIST_L2, 3).max())
     slender = max(SLENDER, round(deep / NARROWEST))
-    marked = _closed(changed, slender * GAPS // SLENDER)
-    marked = np.asarray(cv2.morphologyEx(marked, cv2.MORPH_OPEN, _disc(slender)), dtype=np.uint8)
+    marked = closed(changed, slender * GAPS // SLENDER)
+    marked = opened(marked, slender)
     count, labels, stats, centres = cv2.connectedComponentsWithStats(marked, connectivity=4)
     if count < 2:
         return None
@@ -408,14 +407,6 @@ def _bed(differs: Mask, full: Image) -> Mask | None:
     beads = np.sqrt(shares(cells[labels == upper]))
     parts = [k for k in large if abs(centres[k][1] - centres[upper][1]) < reach]
     return np.isin(labels, [k for k in parts if float(beads @ np.sqrt(shares(cells[labels == k]))) > ALIKE])
-
-
-def _closed(marked: npt.NDArray[np.uint8], across: int) -> npt.NDArray[np.uint8]:
-    return np.asarray(cv2.morphologyEx(marked, cv2.MORPH_CLOSE, _disc(across)), dtype=np.uint8)
-
-
-def _disc(across: int) -> npt.NDArray[np.uint8]:
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (across, across)), dtype=np.uint8)
 
 
 def _slot(bed: Mask, bead: float) -> Slot:

@@ -6,7 +6,7 @@ import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import av
 
@@ -28,6 +28,15 @@ SHORT_OF_MEMORY = (errno.ENOMEM, errno.EAGAIN)  # the second one where a decoder
 
 METADATA: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
 """Metadata that are no text do not matter; from version 19 on PyAV takes it that way itself."""
+
+MISSING = {
+    "video": (
+        "holds no video; give a clip that a video player shows.",
+        "pictures; save the clip as H.264.",
+    ),
+    "audio": ("the file has no sound track.", "sound; save it as WAV."),
+}
+"""Ends of the refusals of a file without such a stream, and of one that FFmpeg cannot decode."""
 
 HEAD = 512  # [bytes], in which a play list shows itself
 
@@ -70,3 +79,34 @@ def open_container(path: Path) -> Iterator[Any]:
         if error.errno in SHORT_OF_MEMORY:
             raise MemoryError from error
         raise
+
+
+def first_stream(container: Any, path: Path, kind: Literal["video", "audio"]) -> Any:
+    """Return the pictures or the sound of an open container.
+
+    Parameters
+    ----------
+    container : av.container.InputContainer
+        The container.
+    path : Path
+        Its file, for messages.
+    kind : str
+        ``"video"`` or ``"audio"``.
+
+    Returns
+    -------
+    av.stream.Stream
+        The first of them.
+
+    Raises
+    ------
+    UnreadableMedia
+        There is none, or FFmpeg has no decoder for it.
+    """
+    streams = getattr(container.streams, kind)
+    absent, undecoded = MISSING[kind]
+    if not streams:
+        raise UnreadableMedia(f"{path}: {absent}")
+    if streams[0].codec_context is None:
+        raise UnreadableMedia(f"{path}: FFmpeg has no decoder for its {undecoded}")
+    return streams[0]

@@ -94,7 +94,6 @@ def _by_those_that_remain(video: Video, doubled: frozenset[int]) -> Video:
         video,
         source=_Captured(video.source, kept),
         times=beat[kept] / video.frame_rate,
-        frame_count=len(kept),
         first=inside[0],
         last=inside[-1],
         skipped=(left_out := frozenset(number for number, index in enumerate(kept) if index in video.excluded)),

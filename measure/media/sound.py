@@ -11,7 +11,7 @@ import numpy as np
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import UnreadableMedia
 from rigtwin.lab.media_files import SOUNDS
-from rigtwin.measure.media.container import open_container
+from rigtwin.measure.media.container import first_stream, open_container
 from rigtwin.measure.media.pictures import reason
 
 LONGEST_SOUND = 3600.0  # [s], which at 48 kHz takes two gigabytes while it is evaluated
@@ -54,11 +54,7 @@ def read_sound(path: Path) -> Sound:
         raise UnreadableMedia(f"{path}: no such file; give a sound recording or a film with sound.")
     try:
         with open_container(path) as container:
-            if not container.streams.audio:
-                raise UnreadableMedia(f"{path}: the file has no sound track.")
-            stream = container.streams.audio[0]
-            if stream.codec_context is None:
-                raise UnreadableMedia(f"{path}: FFmpeg has no decoder for its sound; save it as WAV.")
+            stream = first_stream(container, path, "audio")
             resampler = av.AudioResampler(format="flt", layout="mono")
             lossy = not stream.codec_context.name.startswith(LOSSLESS)
             parts, start, rate, kept = [], None, float(stream.rate or 0), 0

@@ -52,10 +52,9 @@ class Video:
     path: Path
     width: int  # [px]
     height: int  # [px]
-    frame_count: int  # number of pictures that can be decoded
     frame_rate: float  # [1/s], capture rate
     playback_rate: float  # [1/s], rate at which the file plays
-    times: npt.NDArray[np.float64]  # [s], capture time of every picture, shape (frame_count,)
+    times: npt.NDArray[np.float64]  # [s], capture time of every picture that can be decoded, shape (n,)
     first: int  # first frame inside --start/--end
     last: int  # last frame inside --start/--end
     source: pictures.Source = field(repr=False)
@@ -233,7 +232,6 @@ def open_video(path: Path, camera: Camera) -> Video:
         path,
         width,
         height,
-        len(times),
         rate,
         plays_at,
         times,

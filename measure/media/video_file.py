@@ -12,7 +12,7 @@ from typing import Any
 import av
 
 from rigtwin.lab.errors import UnreadableMedia
-from rigtwin.measure.media.container import open_container
+from rigtwin.measure.media.container import first_stream, open_container
 from rigtwin.measure.media.pictures import (
     CUT_OFF,
     DEEP_GREY,
@@ -41,11 +41,7 @@ class Film:
         self._reel = _Reel(path)
         try:
             with open_container(path) as container:
-                if not container.streams.video:
-                    raise UnreadableMedia(f"{path}: holds no video; give a clip that a video player shows.")
-                stream = container.streams.video[0]
-                if stream.codec_context is None:
-                    raise UnreadableMedia(f"{path}: FFmpeg has no decoder for its pictures; save the clip as H.264.")
+                stream = first_stream(container, path, "video")
                 self.rate = float(stream.average_rate or 0)
                 self.tick = float(stream.time_base or 0)
                 self.squeeze = float(stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio or 1)

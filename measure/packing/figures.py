@@ -8,8 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rigtwin.lab.arrays import Array, Image
-from rigtwin.lab.camera import Point
+from rigtwin.lab.arrays import Image
 from rigtwin.lab.errors import Mark
 from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.records import Profile, write_profile
@@ -48,11 +47,7 @@ def picture_marks(bed: Bed, view: int) -> tuple[Mark, ...]:
     silhouette, half = bed.silhouette, bed.width / 2
     x, height = bed.outline
 
-    def line(across: Array, above: Array) -> list[Point]:
-        # the centre of the top-left pixel is 0, 0 in the photo and in the smaller picture that was analysed
-        points = (silhouette.view.to_picture(across, above) + 0.5) / silhouette.zoom - 0.5
-        return [(float(a), float(b)) for a, b in points]
-
+    line = silhouette.in_photo
     top, level = float(np.max(height)) + half, float(np.mean(height))
     walls = [line(np.array([side, side]), np.array([0.0, top])) for side in (-half, half)]
     across = np.array([-half, half])

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array, FloatImage, Image, Mask
 from rigtwin.measure.bulk.grain_classes import Grain
+from rigtwin.measure.geometry.disc_morphology import closed, disc, opened
 
 ENDS_AT = 0.5  # probability of grains at which they end
 NEAR = 3.0  # [bead radii], distance from the region within which grains belong to it
@@ -24,8 +25,8 @@ def grain_region(classes: FloatImage, radius: float) -> tuple[Mask, FloatImage]:
     `classes` are the probabilities by `grain_classes`, shape (height, width, 4), `radius` is that of a bead [px].
     """
     grains = (classes[..., Grain.GRAINS] > ENDS_AT).astype(np.uint8)
-    region = _largest(_opened(_joined(_closed(grains, 2 * radius), radius), 5 * radius))
-    near = cv2.dilate(region, _disc(2 * NEAR * radius)) > 0
+    region = _largest(opened(_joined(closed(grains, _odd(2 * radius)), radius), _odd(5 * radius)))
+    near = cv2.dilate(region, disc(_odd(2 * NEAR * radius))) > 0
     kept = classes.copy()
     kept[..., Grain.GRAINS][~near] = 0.0
     return region > 0, kept
@@ -52,7 +53,7 @@ def straightened(likely: FloatImage, region: Mask, lean: float, radius: float) -
     size = (region.shape[1], region.shape[0])
     turned = cv2.warpAffine(likely, turn, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     kept = cv2.warpAffine(region.astype(np.uint8), turn, size, flags=cv2.INTER_NEAREST)
-    grains = _joined(_closed((turned > ENDS_AT).astype(np.uint8), 1.5 * radius), radius)
+    grains = _joined(closed((turned > ENDS_AT).astype(np.uint8), _odd(1.5 * radius)), radius)
     return Straight(grains > 0, kept > 0, centre, lean)
 
 
@@ -101,22 +102,15 @@ def _run(lines: Mask) -> Array:
     return np.asarray(np.argmax(ended, axis=1), dtype=np.float64)
 
 
-def _disc(size: float) -> npt.NDArray[np.uint8]:
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (max(3, round(size) | 1),) * 2), dtype=np.uint8)
-
-
-def _closed(mask: npt.NDArray[np.uint8], size: float) -> npt.NDArray[np.uint8]:
-    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, _disc(size)), dtype=np.uint8)
+def _odd(size: float) -> int:
+    """Diameter [px] of a disc with a pixel in its middle."""
+    return max(3, round(size) | 1)
 
 
 def _joined(mask: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.uint8]:
     """The mask without gaps between grains above and below: a rod in front of the bed does not divide it."""
     upright = np.ones((round(ROD * radius) | 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, upright), dtype=np.uint8)
-
-
-def _opened(mask: npt.NDArray[np.uint8], size: float) -> npt.NDArray[np.uint8]:
-    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _disc(size)), dtype=np.uint8)
 
 
 def _largest(mask: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:

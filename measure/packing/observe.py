@@ -23,7 +23,9 @@ from rigtwin.measure.packing.checks import STATED, gauge_pitch, picture_checks
 from rigtwin.measure.packing.cylinder import Bed, NoBed, Stated, find_bed
 from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
 
-GIVEN_UNCERTAINTY = 0.003  # relative standard uncertainty of a scale from a length in the plane of the axis
+# relative standard uncertainty of a scale from a length in the plane of the axis: it fills most of a photo, as 940 px
+# between two points of STATED_SIGMA each
+AXIS_LENGTH_UNCERTAINTY = 0.003
 
 WALL_UNCERTAINTY = 0.006  # relative standard uncertainty of a scale from the cylinder's inner walls
 
@@ -111,7 +113,11 @@ def _scale(
 ) -> tuple[float, float, str]:
     """Scale [m/px] in the plane of the axis at mid-height, its relative standard uncertainty, and its source."""
     if camera.given_scale is not None:
-        return camera.given_scale / bed.silhouette.zoom, camera.scale_uncertainty(GIVEN_UNCERTAINTY), camera.scale_from
+        return (
+            camera.given_scale / bed.silhouette.zoom,
+            camera.scale_uncertainty(AXIS_LENGTH_UNCERTAINTY),
+            camera.scale_from,
+        )
     wall = None if cylinder is None else cylinder / bed.width
     seen = 0.0 if camera.cylinder is None else math.sqrt(2) * bed.stated.sigma / bed.width
     uncertainty = math.hypot(WALL_UNCERTAINTY, bed.wall_sigma, seen)

@@ -271,13 +271,12 @@ def find_collision(
     if not meetings and not moving:
         raise no_swing(paths, video)
     if not meetings:
-        lone = lone_swing(moving, video, stated_length)
-        raise NothingToMeasure(
-            f"{video.path}: {len(moving)} moving objects were followed (frames {video.first} to {video.last}), but no "
-            f"path begins in the direction in which another one arrives there{lone}; the clip must show the released "
-            "bead, the hanging bead and their collision: leave out what else moves with --start, --end or --region.",
-            Seen(marks=marks_of(moving)),
+        but = "no path begins in the direction in which another one arrives there"
+        must = (
+            "show the released bead, the hanging bead and their collision: leave out what else moves with --start, "
+            "--end or --region."
         )
+        raise no_meeting(moving, video, stated_length, but, must)
     collisions = [_collision(fall, rise, paths) for fall, rise in meetings[:MOST_MEETINGS]]
     return next((collision for collision in collisions if shown(collision)), collisions[0])
 
@@ -330,6 +329,16 @@ def no_swing(paths: list[Path], video: Video) -> NothingToMeasure:
         f"{video.path}: {found} (frames {video.first} to {video.last}) moves by more than 3 times its size; show the "
         f"release and the hit, or move --start, --end or --region to them{by_bits(video)}.",
         Seen(marks=marks_of(paths)),
+    )
+
+
+def no_meeting(moving: list[Path], video: Video, stated_length: float | None, but: str, must: str) -> NothingToMeasure:
+    """The refusal of a clip in which nothing is hit: what no path does, and what the clip must show."""
+    lone = lone_swing(moving, video, stated_length)
+    return NothingToMeasure(
+        f"{video.path}: {len(moving)} moving objects were followed (frames {video.first} to {video.last}), but "
+        f"{but}{lone}; the clip must {must}",
+        Seen(marks=marks_of(moving)),
     )
 
 

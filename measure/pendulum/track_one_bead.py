@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.errors import NothingToMeasure, Seen
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.measure.geometry.circle import fit_circle
 from rigtwin.measure.media.video import Video
@@ -21,8 +20,7 @@ from rigtwin.measure.pendulum.find_collision import (
     Path,
     Region,
     find_paths,
-    lone_swing,
-    marks_of,
+    no_meeting,
     no_swing,
     with_beginning,
 )
@@ -62,13 +60,9 @@ def find_rebound(paths: list[Path], video: Video, stated_length: float | None = 
             if score > best_score:
                 best, best_score = (fall, rise), score
     if best is None:
-        lone = lone_swing(moving, video, stated_length)
-        raise NothingToMeasure(
-            f"{video.path}: {len(moving)} moving objects were followed (frames {video.first} to {video.last}), but no "
-            f"path goes back where and when another one ends at speed{lone}; the clip must show the released bead and "
-            "its way back from the wall (for two beads: variant double).",
-            Seen(marks=marks_of(moving)),
-        )
+        but = "no path goes back where and when another one ends at speed"
+        must = "show the released bead and its way back from the wall (for two beads: variant double)."
+        raise no_meeting(moving, video, stated_length, but, must)
     return best
 
 

@@ -116,8 +116,9 @@ def _ridges(grey: GreyImage) -> npt.NDArray[np.float32]:
 def _lines(ridges: npt.NDArray[np.float32], spread: float) -> Edges:
     """Ridges that fall off to both sides as a Gaussian of sigma `spread` [px], from 1 on clear straight edges."""
     # the filter leaves 1 / (sqrt(2 pi) sigma) of a straight line
-    x, y = cv2.split(math.sqrt(2 * math.pi) * spread * cv2.GaussianBlur(ridges, (0, 0), spread))
-    return Edges(x, y, cv2.magnitude(x, y), noise=0.0, strong=1.0)
+    lines = np.asarray(math.sqrt(2 * math.pi) * spread * cv2.GaussianBlur(ridges, (0, 0), spread), dtype=np.float32)
+    x, y = lines[..., 0], lines[..., 1]
+    return Edges(x, y, np.hypot(x, y), noise=0.0, strong=1.0)
 
 
 def nearness(half: Numbers, focal_length: float) -> Array:

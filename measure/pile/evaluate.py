@@ -327,7 +327,7 @@ def _bare_base(heap: repose_angles.Heap) -> str:
         return ""
     return (
         f"the heap covers {100 * share:.0f} % of the stated base, so its geometric angle is too small; "
-        "pour more, or leave --base-diameter out"
+        "pour until it reaches the rim, or use the graphical angle, which needs no base"
     )
 
 

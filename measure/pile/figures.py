@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from rigtwin.lab.arrays import Array, Image
-from rigtwin.lab.camera import Flank, Point
+from rigtwin.lab.camera import Flank
 from rigtwin.lab.errors import Mark
 from rigtwin.lab.quantity import Evaluation, Quantity
 from rigtwin.lab.records import Profile, write_profile
@@ -53,13 +53,7 @@ def picture_marks(
 
     The graphical angle is that of the lines along the flanks, the geometric one that from the feet to the apex.
     """
-    unit = scale or 1.0
-
-    def line(x: Array, height: Array) -> list[Point]:
-        # the centre of the top-left pixel is 0, 0 in the photo and in the smaller picture that was analysed
-        points = (found.view.to_picture(x, height) + 0.5) / found.zoom - 0.5
-        return [(float(a), float(b)) for a, b in points]
-
+    unit, line = scale or 1.0, found.in_photo
     reach = found.view.radius or float(np.abs(found.x[np.isfinite(found.height)]).max())
     marks = [
         Mark("outline", line(found.x, found.height), kind="outline", view=view),

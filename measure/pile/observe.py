@@ -299,7 +299,8 @@ def _flaw_of_picture(found: Silhouette) -> str:
 def _half_seen(found: Silhouette) -> str:
     if found.disc is None or found.disc.lower_rim >= LEAST_RIM:
         return ""
-    return f"{100 * found.disc.lower_rim:.0f} % of the lower rim of the base is seen as an edge; --base states its place"
+    share = f"{100 * found.disc.lower_rim:.0f} % of the lower rim"
+    return f"{share} of the base is seen as an edge, {100 * LEAST_RIM:g} % are needed; --base states the base line"
 
 
 def _ignored(found: Silhouette, camera: Camera) -> str:

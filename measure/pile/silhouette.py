@@ -248,16 +248,19 @@ def _of_another_size(
 ) -> tuple[Beads, float] | None:
     """Circles of the heap beyond the sizes that are searched `near` the `stated` radius [px]; None if there are none.
 
-    Circles of the stated size that look right are overruled only where the distance of neighbours agrees.
+    Where the distance of neighbours is clear, it decides; else circles of the stated size go first if they look right.
     """
     freely = _beads(around)
     if freely is None or _ratio(freely[1], NEARER * stated) < SIZE_RANGE:
         return None
-    if near is None or abs(near[1] / (NEARER * stated) - 1) > MISFIT:
-        return freely
+    # edges of cubes or pebbles give large circles that overlap each other: more than fit into the region of the grains
+    if len(freely[0].centre) * math.pi * freely[1] ** 2 > np.count_nonzero(grains):
+        return None
     spacing = bead_spacing(image, grains)
-    agree = spacing is not None and _ratio(2 * freely[1] / NEARER, size_of_beads(spacing)) < 1 + 2 * MISFIT
-    return freely if agree else None
+    if spacing is None:
+        right = near is not None and abs(near[1] / (NEARER * stated) - 1) <= MISFIT
+        return None if right else freely
+    return freely if _ratio(2 * freely[1] / NEARER, size_of_beads(spacing)) < 1 + 2 * MISFIT else None
 
 
 def _ratio(one: float, other: float) -> float:

@@ -18,6 +18,7 @@ import pandas as pd
 
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.lab.camera import STATED_SIGMA, Point, Seed
+from rigtwin.measure.geometry.disc_morphology import opened
 from rigtwin.measure.robust import MAD_TO_STD, mad_std
 from rigtwin.measure.tilt.plate_angle import Arm
 
@@ -77,10 +78,9 @@ class Step:
 def glare(picture: FloatImage) -> npt.NDArray[np.bool_]:
     """Mask of reflections of lamps, which stay for the whole clip; highlights on beads are smaller."""
     size = max(5, round(GLARE_SIZE * max(picture.shape)) | 1)
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     # white is often at 235 in video
     white = max(float(picture.max()) - 3, SATURATED)
-    patch = cv2.morphologyEx((picture >= white).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    patch = opened((picture >= white).astype(np.uint8), size)
     return np.asarray(cv2.dilate(patch, np.ones((3 * size, 3 * size), np.uint8)) > 0)
 
 

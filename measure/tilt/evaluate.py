@@ -29,7 +29,9 @@ from rigtwin.measure.tilt.onset import (
 FRICTION = {"slide": "static_friction", "roll": "rolling_friction"}
 
 NOMINAL = 3e-4  # [m/px], in place of a scale that is not known, until gravity gives one
-GIVEN_UNCERTAINTY = 0.02  # relative standard uncertainty of a scale from a length in view, or of a tracked record
+# relative standard uncertainty of a scale from a length in view, or of a tracked record: the length lies beside the
+# plane in which the body moves, 1 cm off at a distance of 0.5 m
+NEARBY_LENGTH_UNCERTAINTY = 0.02
 
 WRONG_SCALE = 0.3  # relative misfit of the acceleration beyond which the scale is not used
 
@@ -104,7 +106,7 @@ def evaluate(
     Hlosta et al. (2020), eqs. 3 and 4.
     """
     check_variant(variant)
-    way = way_down(angle, tracks, variant, bead_diameter, scale_uncertainty=GIVEN_UNCERTAINTY)
+    way = way_down(angle, tracks, variant, bead_diameter, scale_uncertainty=NEARBY_LENGTH_UNCERTAINTY)
     run, onset = onset_of(way, "the record")
     return evaluate_run(way, run, onset, variant, bead_diameter)
 

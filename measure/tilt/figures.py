@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rigtwin.lab.arrays import Image
+from rigtwin.lab.arrays import Array, Image
 from rigtwin.lab.camera import Point
 from rigtwin.lab.errors import Mark
 from rigtwin.lab.progress import Progress
@@ -33,6 +34,9 @@ from rigtwin.measure.media.video import Video
 from rigtwin.measure.tilt.incline import Descent
 from rigtwin.measure.tilt.observe import Film
 from rigtwin.measure.tilt.onset import Onset, Way
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 def write_pictures(
@@ -77,21 +81,25 @@ def write_plot(path: Path, way: Way, found: Onset | Descent, quantities: Sequenc
         _plot_onset(path, way, found, quantities[1])
 
 
+def _draw_way(upper: Axes, lower: Axes, way: Way, fitted: Array, label: str) -> None:
+    """Draw the displacement down the plate with a fit [m], and below it the residuals."""
+    upper.plot(way.time, way.down * 1e3, ".", ms=3, color="0.6", label="body, every frame")
+    upper.plot(way.time, fitted * 1e3, color="#D55E00", lw=1, label=label)
+    upper.set_ylabel("way down the plate / mm")
+    upper.legend(fontsize=7, loc="upper left")
+    lower.plot(way.time, (way.down - fitted) * 1e3, ".", ms=3, color="#0072B2")
+    lower.set_ylabel("residual / mm")
+
+
 def _plot_onset(path: Path, way: Way, onset: Onset, found: Quantity) -> None:
     """Plot displacement down the plate with the fitted run, its residuals, and the angle of the plate."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 6.5))
     upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=[3, 1, 1.5])
-    upper.plot(way.time, way.down * 1e3, ".", ms=3, color="0.6", label="body, every frame")
-    upper.plot(way.time, onset.fitted * 1e3, color="#D55E00", lw=1, label="fitted rest and run")
-    upper.set_ylabel("way down the plate / mm")
-    upper.legend(fontsize=7, loc="upper left")
-    residual = (way.down - onset.fitted) * 1e3
-    middle.plot(way.time, residual, ".", ms=3, color="#0072B2")
+    _draw_way(upper, middle, way, onset.fitted, "fitted rest and run")
     reach = 6 * onset.noise * 1e3
     middle.set_ylim(-reach, reach)
-    middle.set_ylabel("residual / mm")
     lower.plot(way.time, np.degrees(way.angle), color="#0072B2", lw=1)
     lower.axhline(found.value, color="#009E73", lw=0.6)
     lower.set_ylabel("angle / deg")
@@ -109,12 +117,7 @@ def _plot_descent(path: Path, way: Way, descent: Descent) -> None:
 
     figure = Figure(figsize=(8, 5))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
-    upper.plot(way.time, way.down * 1e3, ".", ms=3, color="0.6", label="body, every frame")
-    upper.plot(way.time, descent.fitted * 1e3, color="#D55E00", lw=1, label="constant acceleration")
-    upper.set_ylabel("way down the plate / mm")
-    upper.legend(fontsize=7, loc="upper left")
-    lower.plot(way.time, (way.down - descent.fitted) * 1e3, ".", ms=3, color="#0072B2")
-    lower.set_ylabel("residual / mm")
+    _draw_way(upper, lower, way, descent.fitted, "constant acceleration")
     lower.set_xlabel("time / s")
     upper.set_title(
         f"plate at {math.degrees(descent.angle):.2f}°, {descent.acceleration:.3f} ± "

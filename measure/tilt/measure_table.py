@@ -16,7 +16,7 @@ from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
-from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, NOMINAL, evaluate_run, onset_of, way_down
+from rigtwin.measure.tilt.evaluate import NEARBY_LENGTH_UNCERTAINTY, NOMINAL, evaluate_run, onset_of, way_down
 from rigtwin.measure.tilt.incline import Descent, at_rest, descent_of, evaluate_descent
 from rigtwin.measure.tilt.onset import LEAST_TURN, Onset, Variant
 
@@ -71,7 +71,7 @@ def measure_table(
     track, axes = in_the_rigs_axes(plate.series, body) if turns else along_the_path(plate.series, body)
     if not known:
         track = replace(track, position=NOMINAL * track.position, sigma=NOMINAL * track.sigma)
-    uncertainty = GIVEN_UNCERTAINTY if known else math.inf
+    uncertainty = NEARBY_LENGTH_UNCERTAINTY if known else math.inf
     way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
     view = scale_used(read, camera)
     result: Descent | Onset

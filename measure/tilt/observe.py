@@ -22,7 +22,7 @@ from rigtwin.measure.scene.pose import Pose
 from rigtwin.measure.scene.scene import Scene
 from rigtwin.measure.tilt.body_track import SATURATED, Arrival, RestingBody, Step, find_body, follow, glare
 from rigtwin.measure.tilt.checks import LEAST_REST
-from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, NOMINAL
+from rigtwin.measure.tilt.evaluate import NEARBY_LENGTH_UNCERTAINTY, NOMINAL
 from rigtwin.measure.tilt.incline import LEAST_FRAMES
 from rigtwin.measure.tilt.lost_frames import gaps_by_run, gaps_by_turn
 from rigtwin.measure.tilt.occluders import in_front
@@ -367,7 +367,7 @@ def gauge_of(film: Film, camera: Camera, bead_diameter: float | None, arm_length
     """Scale and horizontal; the scale is that of the camera, else from the arm, else from the bead."""
     level = _horizontal(film, camera)
     if camera.given_scale is not None:
-        uncertainty = camera.scale_uncertainty(GIVEN_UNCERTAINTY)
+        uncertainty = camera.scale_uncertainty(NEARBY_LENGTH_UNCERTAINTY)
         return Gauge(camera.given_scale, uncertainty, camera.scale_from, level)
     if arm_length is not None:
         tip = film.arm.span[1] if film.uphill > 0 else -film.arm.span[0]

@@ -10,7 +10,7 @@ from rigtwin.lab.materials import Particle
 
 USUAL, DOUBTFUL, UNSTABLE = 0.30, 0.40, 0.80  # fractions of Rayleigh's time step
 SPRINGS_DECIDE = 0.05  # restitution; above it beds of 500 beads are stable at 0.3 of Rayleigh's step
-SINGLE = 0.1  # fraction, for a few bodies, whose steps cost nothing
+FEW_BODIES = 0.1  # fraction in runs of a few bodies, whose steps cost nothing
 LEAST = 1e-3  # fraction; contacts gain no accuracy below 0.01, and a run would take days
 
 

@@ -110,9 +110,13 @@ def test_a_rate_or_scale_that_cannot_be_is_refused(wrong):
 
 @pytest.mark.parametrize("line", ["10 m:0,0,20,0", "9000mm:5,5,5,50"])
 def test_a_scale_of_no_rig_is_refused_however_it_is_given(line):
-    for wrong in ({"scale": 0.3}, {"scale": 1000.0}, {"known_length": known_length(line)}):
-        with pytest.raises(BadInput, match="in a pixel; write it like"):
+    for wrong in ({"scale": 0.3}, {"scale": 1000.0}):
+        with pytest.raises(BadInput, match=r"^--scale: .* in a pixel; write it like '0.2 mm/px'\.$"):
             Camera(**wrong)
+    with pytest.raises(
+        BadInput, match=r"^--known-length: .* in a pixel; give the length .* like '100mm:120,40,620,40'\."
+    ):
+        Camera(known_length=known_length(line))
 
 
 def test_a_rate_that_no_camera_has_is_refused():

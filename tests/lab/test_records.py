@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.records import Profile, Track, write_profile, write_tracks
-from rigtwin.lab.tracked.read import read_profile, read_tracks
+from rigtwin.lab.tracked.read import read_profiles, read_tracks
 
 SIZES = st.integers(1, 30)
 METRES = st.floats(-10, 10, allow_subnormal=False)
@@ -45,7 +45,7 @@ def test_a_profile_comes_back_with_its_unseen_places(data, tmp_path_factory):
     x = np.sort(data.draw(st.lists(METRES, min_size=1, max_size=30, unique=True)))
     heights = np.array(data.draw(st.lists(METRES | st.just(float("nan")), min_size=len(x), max_size=len(x))))
     write_profile(path, Profile(x=x, height=heights, sigma=np.full(len(x), 1e-4)))
-    read = read_profile(path)
+    read = read_profiles(path).profiles[0]
     np.testing.assert_allclose(read.x, x, rtol=1e-8)
     np.testing.assert_allclose(read.height, heights, rtol=1e-8)
 
@@ -78,7 +78,7 @@ def test_a_moment_in_which_the_bead_was_not_seen_is_left_out(tmp_path):
 def test_a_profile_is_sorted_from_left_to_right(tmp_path):
     path = tmp_path / "profile.csv"
     path.write_text("x_m,height_m\n0.02,1\n-0.01,2\n0,3\n")
-    assert read_profile(path).height.tolist() == [2, 3, 1]
+    assert read_profiles(path).profiles[0].height.tolist() == [2, 3, 1]
 
 
 @pytest.mark.parametrize(
@@ -110,9 +110,9 @@ def test_a_file_that_is_missing_or_no_text_is_refused(tmp_path, content):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(BadInput, match=r"bad\.csv"):
-        read_profile(path)
+        read_profiles(path)
 
 
 def test_a_folder_in_place_of_a_table_is_refused(tmp_path):
     with pytest.raises(BadInput, match="is a folder"):
-        read_profile(tmp_path)
+        read_profiles(tmp_path)

@@ -141,6 +141,21 @@ def test_a_refusal_names_what_was_stated_with_its_value(rig, place, option, film
     assert f"used as stated: {option}; what is left out is searched" in refused.value.message
 
 
+@pytest.mark.parametrize(("why", "named"), [("--floor 100 is none.", 100.0), ("nothing lies on --floor 10.", 10.0)])
+def test_a_stated_value_is_neither_named_twice_nor_missed_beside_one_that_begins_alike(why, named, tmp_path):
+    photo = tmp_path / "noise.png"
+    cv2.imwrite(str(photo), np.full((300, 400), 120, np.uint8))
+
+    @refusal.shows_refusals
+    def measure(photos, camera):
+        raise NothingToMeasure(why)
+
+    for floor in (10.0, 100.0):
+        with pytest.raises(NothingToMeasure) as refused:
+            measure([photo], Camera(floor=floor))
+        assert (f"used as stated: --floor {floor:g};" in refused.value.message) == (floor != named)
+
+
 def test_a_bead_larger_than_its_drum_is_refused_with_both_sizes(film):
     with pytest.raises(BadInput, match=r"a bead of 60 mm \(bead_diameter\) .* drum of 15 mm \(drum_diameter\)"):
         rigtwin.measure("drum", film, drum_diameter="15 mm", speed="4 rpm", bead_diameter="60 mm")

@@ -186,8 +186,8 @@ def test_the_command_writes_a_table_of_the_load_of_each_wall(tmp_path, capfd, mo
     cup(40, 60).export("cup.stl")
     box = "-18mm,-18mm,1mm..18mm,18mm,50mm"
     assert run(["simulate", "custom", "--stl", "cup.stl", f"--fill={box}", "--count", "40", "--out", "made"]) == 0
-    assert "custom-twin-load_on_stl1.csv" in capfd.readouterr().out
-    table = pd.read_csv("made/custom-twin-load_on_stl1.csv")
+    assert "custom-twin-load_on_cup.csv" in capfd.readouterr().out
+    table = pd.read_csv("made/custom-twin-load_on_cup.csv")
     assert list(table) == ["time_s", "fx_N", "fy_N", "fz_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm"]
     assert table.fz_N[table.time_s > table.time_s.max() - 0.1].mean() == pytest.approx(-40 * D6.mass * G, rel=0.03)
 

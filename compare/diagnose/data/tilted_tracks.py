@@ -33,7 +33,7 @@ class Tilted:
 
 def tilted(experiment: Experiment, measurement: Measurement) -> Tilted:
     """A measured repetition; raises `BadInput` if it is not the motion of the model."""
-    from rigtwin.measure.tilt.evaluate import GIVEN_UNCERTAINTY, onset_of, way_down
+    from rigtwin.measure.tilt.evaluate import NEARBY_LENGTH_UNCERTAINTY, onset_of, way_down
     from rigtwin.measure.tilt.incline import at_rest, descent_of
 
     rig, source = experiment.rig, str(measurement.source)
@@ -44,7 +44,7 @@ def tilted(experiment: Experiment, measurement: Measurement) -> Tilted:
             "scale or known_length under [experiments.camera], or arm_length."
         )
     (plate,), (track, *_) = measurement.series, measurement.tracks
-    way = way_down(plate, [track], rig.variant, experiment.particle.diameter, GIVEN_UNCERTAINTY)
+    way = way_down(plate, [track], rig.variant, experiment.particle.diameter, NEARBY_LENGTH_UNCERTAINTY)
     rests = at_rest(way)
     if rests and rig.variant == "slide":
         raise BadInput(

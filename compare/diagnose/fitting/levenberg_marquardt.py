@@ -40,13 +40,7 @@ def descend(
     damping = DAMPED if linear.objective > FAR * bench.rows.size else FREE
     low, high = np.array([u.low for u in unknowns]), np.array([u.high for u in unknowns])
     for _ in range(most):
-        step_local, step_global = newton_step(unknowns, state, free, linear, damping)
-        # unknowns at a limit that would cross it are held, and the step of the others is computed without them
-        held = ((state.values <= low) & (step_global < 0)) | ((state.values >= high) & (step_global > 0))
-        held_local = (state.local <= bench.local_low) & (step_local < 0)
-        if held.any() or held_local.any():
-            without = _holding(linear, held_local)
-            step_local, step_global = newton_step(unknowns, state, np.logical_and(free, ~held), without, damping)
+        step_local, step_global = _step_within(bench.local_low, low, high, unknowns, state, free, linear, damping)
         trial = State(
             np.maximum(state.local + step_local, bench.local_low),
             np.clip(state.values + step_global, low, high),
@@ -85,8 +79,41 @@ def _small(objective: float, rows: int) -> float:
 
 def promised(unknowns: Sequence[Unknown], state: State, linear: Linear, step_local: Array, step_global: Array) -> float:
     """Decrease of the objective by a step in the linearised model."""
+    return float(np.sum(linear.g_local * step_local) + np.sum(_gradient(unknowns, state, linear) * step_global))
+
+
+def _gradient(unknowns: Sequence[Unknown], state: State, linear: Linear) -> Array:
+    """Half the downward gradient (G,) of the objective by the global unknowns, with their priors."""
     pull = np.array([(u.prior - v) / u.sd**2 for u, v in zip(unknowns, state.values, strict=True)])
-    return float(np.sum(linear.g_local * step_local) + np.sum((linear.g_global.sum(0) + pull) * step_global))
+    return np.asarray(linear.g_global.sum(0) + pull)
+
+
+def _step_within(
+    local_low: Array,
+    low: Array,
+    high: Array,
+    unknowns: Sequence[Unknown],
+    state: State,
+    free: Array,
+    linear: Linear,
+    damping: float,
+) -> tuple[Array, Array]:
+    """Newton step without the unknowns at a limit that the gradient, or else the step itself, leads across it.
+
+    The step alone does not show which unknowns belong at their limit: it may lead one across only because it leads
+    others across theirs.
+    """
+    held_local, held = np.zeros(state.local.shape, dtype=bool), np.zeros(len(unknowns), dtype=bool)
+    ways = linear.g_local, _gradient(unknowns, state, linear)
+    for turn in range(2):
+        across_local = (state.local <= local_low) & (ways[0] < 0)
+        across = ((state.values <= low) & (ways[1] < 0)) | ((state.values >= high) & (ways[1] > 0))
+        if turn and not (across.any() or across_local.any()):
+            break
+        held_local, held = held_local | across_local, held | across
+        without = _holding(linear, held_local) if held_local.any() else linear
+        ways = newton_step(unknowns, state, np.logical_and(free, ~held), without, damping)
+    return ways
 
 
 def _holding(linear: Linear, held: Mask) -> Linear:

@@ -168,21 +168,14 @@ def run_many(
     return _run(_ready(cases), threads, progress)
 
 
-def run_halved(
-    bodies: Sequence[Body], times: Array, *, tolerance: float, progress: Progress = silent, **settings: Any
-) -> tuple[Motion, float]:
-    """`run` with the step in contact halved until no sampled position changes by more than `tolerance` [m].
-
-    Returns the finer of the last two runs and their largest distance [m], which exceeds the tolerance only if six
-    halvings were not enough.
-    """
-    return the_one(run_many_halved([Case(bodies, times, **settings)], tolerance=tolerance, progress=progress))
-
-
 def run_many_halved(
     cases: Sequence[Case], *, tolerance: float, threads: int | None = None, progress: Progress = silent
 ) -> list[tuple[Motion, float] | RigtwinError]:
-    """`run_halved` for many cases at once; cases that have converged are left out of further halvings."""
+    """`run_many` with the step in contact halved until no sampled position changes by more than `tolerance` [m].
+
+    Returns, of each case, the finer of the last two runs and their largest distance [m], which exceeds the tolerance
+    only if six halvings were not enough. Cases that have converged are left out of further halvings.
+    """
     ready = _ready(cases)
     latest = _run(ready, threads, progress)
     apart = np.full(len(cases), math.inf)

@@ -23,13 +23,15 @@ from rigtwin.compare.diagnose.models.drop import DropBench, impacts
 from rigtwin.compare.diagnose.models.sensitivities import slopes
 from rigtwin.compare.diagnose.page import page
 from rigtwin.compare.diagnose.selection import formula
+from rigtwin.compare.diagnose.selection.bent_laws import gained_beside
+from rigtwin.compare.diagnose.selection.candidate import Candidate
 from rigtwin.compare.diagnose.selection.gap import beside, gap
 from rigtwin.compare.diagnose.selection.locate import Location, holm, locate
 from rigtwin.compare.diagnose.selection.name_effects import Naming
 from rigtwin.compare.diagnose.selection.next_experiment import Setting, designs, separation
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.model_file import Model, read_model, write_model
+from rigtwin.lab.file.model_file import Model, model_text, read_model
 from rigtwin.lab.progress import silent
 from rigtwin.sim.effects import named
 from rigtwin.sim.effects.nameless_terms import nameless
@@ -286,7 +288,7 @@ def test_the_named_effect_closes_the_gap_on_repetitions_and_on_a_height_held_out
 
 
 def test_the_model_file_and_the_page_carry_the_named_effect(dragged, tmp_path):
-    write_model(tmp_path / "model.toml", model_of(dragged))
+    (tmp_path / "model.toml").write_text(model_text(model_of(dragged)), encoding="utf-8")
     read = read_model(tmp_path / "model.toml")
     assert read.effects["air_drag"]["drag_coefficient"] == pytest.approx(0.5, abs=0.05)
     html = page(dragged, {}, Methods(()))
@@ -454,7 +456,7 @@ def test_rolling_friction_that_grows_with_speed_is_named(rolled):
 
 
 def test_the_model_file_of_a_rolling_bead_carries_its_rolling_friction(rolled, tmp_path):
-    write_model(tmp_path / "model.toml", model_of(rolled))
+    (tmp_path / "model.toml").write_text(model_text(model_of(rolled)), encoding="utf-8")
     (contact,) = read_model(tmp_path / "model.toml").contacts.values()
     fitted = rolled.chosen.fitted
     assert contact.rolling_friction == pytest.approx(fitted.value(f"rolling_friction.{rolled.bench.pairs[0]}"))
@@ -474,6 +476,18 @@ def test_a_push_the_other_way_separates_a_tilted_table_from_a_rolled_camera(tmp_
 
 
 @pytest.mark.slow
+def test_a_second_effect_gains_as_much_where_the_law_of_the_first_is_free(tmp_path):
+    bench = bench_of(read_tracked_lab(write_drops(tmp_path / "lab", 3, repetitions=3, drag=0.45, clock=0.004)))
+    base, sets = fit(bench), []
+    for names in (("air_drag",), ("air_drag", "frame_rate_error")):
+        terms = tuple(map(named, names))
+        found = fit(bench, terms, near=base)
+        sets.append(Candidate(terms, found, base.deviance - found.deviance))
+    fewer, more = sets
+    assert more.gain - fewer.gain > 100
+    assert gained_beside(bench, fewer, more) == pytest.approx(more.gain - fewer.gain, rel=0.1)
+
+
 def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
     lab = write_drops(tmp_path / "lab", 18, repetitions=3, drag=0.5, clock=-0.006)
     document = verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error").to_json()
@@ -883,7 +897,7 @@ def test_the_formulas_of_a_model_file_are_read_back_and_found_by_their_names(tmp
         for term in nameless(rig):
             assert named(term.name).equation == term.equation
     effects = {"form:v|v|": {"c": -0.3}, "form:e~1/v": {"c": 0.01}}
-    write_model(tmp_path / "model.toml", Model({}, {}, {}, effects))
+    (tmp_path / "model.toml").write_text(model_text(Model({}, {}, {}, effects)), encoding="utf-8")
     assert read_model(tmp_path / "model.toml").effects == effects
 
 

@@ -11,7 +11,7 @@ import trimesh
 
 from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.file.lab_file import read_cast, read_lab
-from rigtwin.lab.file.model_file import Model, read_model, write_model
+from rigtwin.lab.file.model_file import Model, model_text, read_model
 from rigtwin.lab.materials import Particle, heavier_than_its_solid, very_small
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.size_distributions import listed, lognormal, normal, sieved, uniform
@@ -134,7 +134,9 @@ def test_sizes_are_given_by_a_law_and_survive_a_model_file(tmp_path, keys, expec
     assert particle.sizes.shares == pytest.approx(expected.shares)
     assert particle.sizes.law == expected.law
     assert particle.diameter == pytest.approx(expected.largest)
-    write_model(tmp_path / "model.toml", Model({"ash": particle.material}, {"own": particle}))
+    (tmp_path / "model.toml").write_text(
+        model_text(Model({"ash": particle.material}, {"own": particle})), encoding="utf-8"
+    )
     again = read_model(tmp_path / "model.toml").particles["own"]
     assert again.mean_mass == pytest.approx(particle.mean_mass, rel=1e-6)
     assert again.typical.diameter == pytest.approx(particle.typical.diameter, rel=1e-6)

@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 import trimesh
@@ -10,7 +11,7 @@ from rigtwin.cli import run
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file import lookup
 from rigtwin.lab.file.lab_file import new_lab, read_lab
-from rigtwin.lab.file.own_rigs import read_own_rig, rig_of_keys
+from rigtwin.lab.file.own_rigs import named_for, read_own_rig, rig_of_keys
 
 RIG = """[rigs.mixer]
 particle = "D6"
@@ -238,3 +239,14 @@ def test_the_command_refuses_in_one_sentence(lab, capfd, monkeypatch):
     said = refused(capfd, "lab.toml")
     assert "contact grit-steel is not known; give it under [contacts.grit-steel] in the lab.toml." in said
     assert not (lab / "out").exists()
+
+
+def test_walls_of_the_command_line_are_named_for_their_files_and_refused_by_their_options(tmp_path, capfd, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert list(named_for([Path("cup-2.stl"), Path("a/cup.stl"), Path("b/cup.stl")])) == ["cup-2", "cup", "cup-3"]
+    command = ["simulate", "custom", "--fill=0mm,0mm,0mm..20mm,20mm,20mm", "--stl"]
+    assert run([*command, "lid.stl"]) == 2
+    assert capfd.readouterr().err.startswith("rigtwin: --stl: lid.stl: no such file")
+    trimesh.creation.box((50, 50, 50)).export("cup.stl")
+    assert run([*command, "cup.stl", "--stl-unit", "m"]) == 2
+    assert capfd.readouterr().err.startswith("rigtwin: --stl-unit: wall cup: is 50 m long")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rigtwin.lab.errors import BadInput, RigtwinError
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.sim.engine.contact import damping_ratio
-from rigtwin.sim.engine.few.few_body import Body, run, run_halved
+from rigtwin.sim.engine.few.few_body import Body, Case, run, run_many_halved
 from rigtwin.sim.engine.time_step import dashpot_factor
 from rigtwin.sim.engine.walls.shapes import Cylinder, Disc, Plane, Wall
 
@@ -260,7 +260,8 @@ def test_every_side_of_a_wall_reflects_along_its_normal(shape, position, velocit
 def test_halving_the_step_settles_within_the_tolerance_asked_for():
     time = np.linspace(0.01, 0.3, 30)
     body = Body(D6, (0, 0, 0.05))
-    accurate, apart = run_halved([body], time, walls=floor(Contact(0.5)), tolerance=1e-6)
+    case = Case([body], time, walls=floor(Contact(0.5)))
+    ((accurate, apart),) = run_many_halved([case], tolerance=1e-6)
     assert apart <= 1e-6
     finest = run([body], time, walls=floor(Contact(0.5)), step=1e-9)
     assert np.abs(accurate.position - finest.position).max() < 2e-6

@@ -15,7 +15,7 @@ from rigtwin.sim import pendulum as pendulums
 from rigtwin.sim import tilt as tilts
 from rigtwin.sim.engine.effect_terms import active
 from rigtwin.sim.engine.few import batch
-from rigtwin.sim.engine.few.few_body import Body, Case, Motion, run, run_halved, run_many, run_many_halved
+from rigtwin.sim.engine.few.few_body import Body, Case, Motion, run, run_many, run_many_halved
 from rigtwin.sim.engine.walls.shapes import Motion as Moving
 from rigtwin.sim.engine.walls.shapes import Plane, Wall
 
@@ -201,8 +201,7 @@ def test_halving_converges_for_each_case_as_it_does_alone():
     cases = [drop(0.02, 0.3, samples=10, span=0.1), drop(0.05, 0.9, samples=5, span=0.15), pendulum(0.4, 0.7)]
     together = run_many_halved(cases, tolerance=2e-5)
     for (motion, apart), case in zip(together, cases, strict=True):
-        more = {"walls": case.walls, "contacts": case.contacts}
-        one, other = run_halved(case.bodies, case.times, tolerance=2e-5, **more)
+        ((one, other),) = run_many_halved([case], tolerance=2e-5)
         assert same(motion, one)
         assert apart == other
     assert max(apart for _, apart in together) <= 2e-5
