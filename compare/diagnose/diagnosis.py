@@ -30,7 +30,7 @@ from rigtwin.compare.diagnose.models.pendulum import PendulumBench
 from rigtwin.compare.diagnose.models.roll import LEVER, RollBench, both_ways, one_material_of_many_sizes
 from rigtwin.compare.diagnose.models.slide import SlideBench
 from rigtwin.compare.diagnose.selection.bent_laws import OTHER_SIZE
-from rigtwin.compare.diagnose.selection.candidate import Candidate, refused, surprise
+from rigtwin.compare.diagnose.selection.candidate import Candidate, refused, shown_from, surprise
 from rigtwin.compare.diagnose.selection.formula import Formula, any_form, find_formula, fixed_forms
 from rigtwin.compare.diagnose.selection.gap import Beside, Gap, beside, closed, gap, names, noise_floor
 from rigtwin.compare.diagnose.selection.locate import Disagreement, Location, locate
@@ -476,7 +476,7 @@ def _sensitivity(naming: Naming) -> str:
             std = one.fitted.std(f"{term.name}.{parameter.name}")
             # a change within the stated calibration uncertainty is not an effect, however well the data determine it
             least = math.hypot(math.sqrt(ALARM) * std, STATED * stated.get(f"{term.name}.{parameter.name}", 0.0))
-            least = max(least, parameter.least)
+            least = max(least, shown_from(parameter.least, std))
             if math.isfinite(least) and 0 < least < parameter.high:
                 seen.append(f"{term.title} {least:.2g}{unit_of(parameter.unit)}")
             else:

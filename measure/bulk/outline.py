@@ -26,9 +26,9 @@ class Disc:
     bulge: float  # [px], distance of the front of the rim below the line between its ends
     thickness: float  # [px]
     nearness: float  # [1], disc radius / camera distance, from the focal length: one photo hardly determines it
-    support: float  # [1], share of the template on edges
+    support: float  # [1], mean clearness of the edges along lower rim and walls
     fit: float  # [1], probability that its regions are what they should be: heap, face of the base, background
-    lower_rim: float  # [1], share of the lower rim on edges
+    lower_rim: float  # [1], mean clearness of the edges along the lower rim, 1: all are clear and on it
 
     @property
     def sigma(self) -> float:

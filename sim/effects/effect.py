@@ -27,7 +27,7 @@ class Parameter:
     predicted : float, optional
         Value that theory predicts without a fit.
     least : float
-        Size that occurs in every lab; smaller ones are reported only if the data show them very clearly.
+        Size that occurs in every lab; smaller ones are reported from ten standard deviations on.
     assumed : tuple of float, optional
         Prior mean and standard deviation of a nuisance parameter, which belongs to the effect but does not measure its
         strength.

@@ -23,6 +23,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing import Push, angle_at, half_swings
 
+LEAST_REACH = 0.2  # of the length, of an elastic thread whose trial compliance is too large for its bob
 LENGTHENING = ("stretch", "creep")  # effects that make the thread longer during a swing
 OWN_LENGTH = 0.5  # individual uncertainty of each length, as a share of the stated (common) length uncertainty
 
@@ -184,10 +185,13 @@ def pushing(
         sine = np.sin(angle)
         cosine = np.cos(angle)
         moment = -weight * sine
+        reach, growth, softening = length, np.zeros_like(rate), np.zeros_like(rate)
         if lengthens:  # a thread of changing length r: r theta'' = -g sin(theta) - 2 r' theta'
             longer = stretch * (gravity * (cosine - 1.0) + length * rate**2) + creep * since
-            growth = creep - 3.0 * stretch * gravity * sine * rate
-            moment = moment * length / (length + longer) - 2.0 * inertia * growth * rate / length
+            reach = np.maximum(length + longer, LEAST_REACH * length)
+            growth = creep - stretch * gravity * sine * rate  # and 2 stretch length theta' theta'' of r', to the left
+            softening = 4.0 * stretch * length * rate**2
+            moment = moment * length / reach
         for term, own in acting:
             if term.force is not None:
                 fx, fy = term.force(length * rate * cosine, length * rate * sine, 1e3, radius, mass, *own)
@@ -197,6 +201,6 @@ def pushing(
             if term.drive is not None:
                 along = term.drive(release + since, length * angle, length * rate, *own)
                 moment = moment + mass * length * along
-        return np.asarray(moment / inertia)
+        return np.asarray((moment / inertia - 2.0 * growth * rate / reach) / (1.0 + softening / reach))
 
     return push, np.sqrt(pull)

@@ -475,7 +475,6 @@ def test_a_push_the_other_way_separates_a_tilted_table_from_a_rolled_camera(tmp_
     assert tilt["value"] == pytest.approx(0.02, abs=4 * tilt["std"])
 
 
-@pytest.mark.slow
 def test_a_second_effect_gains_as_much_where_the_law_of_the_first_is_free(tmp_path):
     bench = bench_of(read_tracked_lab(write_drops(tmp_path / "lab", 3, repetitions=3, drag=0.45, clock=0.004)))
     base, sets = fit(bench), []
@@ -488,6 +487,7 @@ def test_a_second_effect_gains_as_much_where_the_law_of_the_first_is_free(tmp_pa
     assert gained_beside(bench, fewer, more) == pytest.approx(more.gain - fewer.gain, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
     lab = write_drops(tmp_path / "lab", 18, repetitions=3, drag=0.5, clock=-0.006)
     document = verdict_on(lab, "air_drag", "frame_rate_error", "rolling_shutter", "scale_error").to_json()

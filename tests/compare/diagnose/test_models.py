@@ -85,6 +85,30 @@ def test_dry_friction_takes_the_same_angle_from_every_swing():
     assert loss == pytest.approx(2 * moment / (mass * G * length), rel=2e-3)
 
 
+@pytest.mark.parametrize("strain", [0.003, 0.03])  # of the hanging thread
+def test_an_elastic_thread_swings_as_its_angular_momentum_says(strain):
+    length, mass = 0.2, 1e-3
+    compliance, times = strain / (mass * G), np.linspace(0.0, 3.0, 60)
+
+    def reach(angle, momentum):
+        r = length
+        for _ in range(60):
+            rate = momentum / r**2
+            r = length * (1 + compliance * mass * (G * (math.cos(angle) - 1) + length * rate**2))
+        return r
+
+    def motion(_t, s):
+        r = reach(*s)
+        return s[1] / r**2, -G * r * math.sin(s[0])
+
+    exact = solve_ivp(motion, (0, 3.0), (1.0, 0.0), t_eval=times, rtol=1e-9, atol=1e-12).y[0]
+    values, terms = {"thread_stretch.compliance": np.array([compliance])}, (named("thread_stretch"),)
+    push, omega = pushing(np.array([[length]]), np.array([mass]), np.array([3e-3]), G, values, terms)
+    swings = swing.half_swings(np.array([[1.0]]), push, omega, np.array([[3.0]]))
+    angle, _ = swing.angle_at(swings, times[None], np.zeros(len(times), dtype=int))
+    assert angle[0] == pytest.approx(exact, abs=3e-5)
+
+
 def hung_free(start: float, moment: float, times: np.ndarray):
     """Angles [rad] of a free bob with dry friction, integrated in steps and from turn to turn."""
     length, mass, far = np.array([[0.25]]), np.array([2e-4]), np.array([[3.0]])
