@@ -394,7 +394,8 @@ def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> It
         found = combine(same)
         what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
         given, seen = (reading(one.value, one.std_uncertainty, one.unit) for one in (stated, found))
-        those = f"the mean of {len(same)} repetitions" if len(same) > 1 else "that of a repetition"
+        those = f"the mean of {found.n} repetitions" if found.n > 1 else "that of a repetition"
+        those += f" ({found.left_out} doubtful left out)" if found.left_out else ""
         warning = f"{what} ({stated.method}) is stated in lab.toml as {given}; {those}, {seen}, is not used"
         if found.doubtful:
             warning += ", and is doubtful"
