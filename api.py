@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -406,11 +405,7 @@ def _work(command: Callable[..., Work], given: dict[str, Any], settings: dict[st
 def _run(work: Work, **more: Any) -> Any:
     from rigtwin.lab.quantity import reworded
 
-    def worded() -> Any:
-        found = work(**more)
-        return reworded(found) if is_dataclass(found) and not isinstance(found, type) else found
-
-    return _in_own_words(worded)
+    return _in_own_words(lambda: reworded(work(**more)))
 
 
 def _path(name: str, value: Any) -> Path:

@@ -196,7 +196,8 @@ def measure_repetition(
             naming_lab_keys(experiment.rig_name, experiment.particle_place),
             unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)),
         ):
-            return reworded(_measure(experiment, views, out, **more))
+            measurement: Measurement = reworded(_measure(experiment, views, out, **more))
+            return measurement
     except RigtwinError as error:
         if isinstance(error, BadInput):
             return Failure(views[0], str(error), error.seen, error.picture)

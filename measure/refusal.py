@@ -111,7 +111,8 @@ def _with_values(found: Measurement, camera: object) -> Measurement:
     def valued(name: str, value: str) -> str | None:
         return None if value else clear.get(f"--{name.replace('_', '-')}")
 
-    return reworded(found, partial(rename_options, instead=valued))
+    clearer: Measurement = reworded(found, partial(rename_options, instead=valued))
+    return clearer
 
 
 def _with_lost_end(media: Sequence[Path], error: NothingToMeasure) -> str:
