@@ -966,9 +966,10 @@ class _ExperimentEntry(_Entry):
         """Yield keys of the rig that do not go together, and why."""
         settings = self.settings()
         for name in sorted(settings.idle & self.model_fields_set):
-            other = settings.only_of[name]
-            variant = getattr(settings, "variant", None)
-            yield name, f'is of variant = "{other}" and not used with variant = "{variant}"; leave it out.'
+            other, value = settings.only_of[name]
+            yield name, (
+                f'is of {other} = "{value}" and not used with {other} = "{getattr(settings, other)}"; leave it out.'
+            )
 
 
 class UncertaintyEntry(_Entry):
@@ -1029,8 +1030,6 @@ class PendulumEntry(_ExperimentEntry):
     def faults(self) -> Iterable[tuple[str, str]]:
         """Yield keys of a pendulum that do not go together, and why."""
         yield from super().faults()
-        if self.hanger == "string" and self.rod_mass > 0:
-            yield "rod_mass", 'is of hanger = "rod" and not used with hanger = "string"; leave it out.'
         if self.variant == "wall" and self.wall is None:
             yield "wall", 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".'
         if self.variant == "double" and self.wall is not None:
