@@ -967,9 +967,8 @@ class _ExperimentEntry(_Entry):
         settings = self.settings()
         for name in sorted(settings.idle & self.model_fields_set):
             other, value = settings.only_of[name]
-            yield name, (
-                f'is of {other} = "{value}" and not used with {other} = "{getattr(settings, other)}"; leave it out.'
-            )
+            given = getattr(settings, other)
+            yield name, f'is of {other} = "{value}" and not used with {other} = "{given}"; leave it out.'
 
 
 class UncertaintyEntry(_Entry):
@@ -1025,7 +1024,7 @@ class PendulumEntry(_ExperimentEntry):
     hanger: Literal["string", "rod"] = Field(
         default="string", examples=["rod"], description="suspension of each particle: a string or a rigid rod"
     )
-    rod_mass: Mass = Field(default=0.0, examples=["2 g"], description="of each rod")
+    rod_mass: Mass = Field(default=0.0, examples=["2 g"], description="of each, uniform along its length")
 
     def faults(self) -> Iterable[tuple[str, str]]:
         """Yield keys of a pendulum that do not go together, and why."""
