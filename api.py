@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import is_dataclass
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -406,11 +405,7 @@ def _work(command: Callable[..., Work], given: dict[str, Any], settings: dict[st
 def _run(work: Work, **more: Any) -> Any:
     from rigtwin.lab.quantity import reworded
 
-    def worded() -> Any:
-        found = work(**more)
-        return reworded(found) if is_dataclass(found) and not isinstance(found, type) else found
-
-    return _in_own_words(worded)
+    return _in_own_words(lambda: reworded(work(**more)))
 
 
 def _path(name: str, value: Any) -> Path:
@@ -446,10 +441,15 @@ def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     low, high = (getattr(option, end, None) for end in ("min", "max"))
     fits = isinstance(value, int) and not isinstance(value, bool)
     if int in kinds and not (fits and (low is None or value >= low) and (high is None or value <= high)):
-        most = f"{low:g} to {high:g}" if high is not None and low is not None else f"{low:g} upwards"
-        allowed = "" if low is None else f" from {most}"
-        raise BadInput(f"{name}: {value!r} is not a whole number{allowed}.")
+        raise BadInput(f"{name}: {value!r} is not a whole number{_range(low, high)}.")
     return value
+
+
+def _range(low: int | None, high: int | None) -> str:
+    """The range of a whole number in words; empty where it has none."""
+    if low is None:
+        return "" if high is None else f" up to {high}"
+    return f" from {low} {'upwards' if high is None else f'to {high}'}"
 
 
 def _in_own_words(call: Callable[[], Any]) -> Any:

@@ -53,15 +53,15 @@ def keys(entry: type[BaseModel], leave_out: Iterable[str] = ()) -> list[Key]:
     return [_key(name, field, only_of.get(name)) for name, field in left.items()]
 
 
-def _key(name: str, field: FieldInfo, variant: str | None) -> Key:
-    """A key; `variant` is the only one of its rig that has it."""
+def _key(name: str, field: FieldInfo, only_of: tuple[str, str] | None) -> Key:
+    """A key; `only_of` is another key and the only value of it with which this one is used."""
     dimension = schema.dimension_of(field)
     unit = DIMENSIONS[dimension][0] if dimension else ""
     value = None if field.is_required() else field.get_default(call_default_factory=True)
     written = isinstance(value, (str, int, float)) and value != ""
     default = "required" if field.is_required() else (schema.toml(value) if written else "")
     said = field.description or ""
-    said = f"{variant}: {said}" if variant and said else said
+    said = f"{only_of[1]}: {said}" if only_of and said else said
     return Key(name, _kind(field, dimension), unit, default, _example(name, field), said, field.is_required())
 
 

@@ -35,7 +35,7 @@ def quantity(
     It must be above zero, or `zero` itself, and at most `highest`.
     """
 
-    def read(text: str | float) -> float:
+    def read(text: str | float) -> float:  # no partial: click asks for a name
         return _size(text, dimension, flag, zero, highest)
 
     return typer.Option(flag, metavar=example, help=help_text, parser=read, show_default=False)

@@ -196,7 +196,8 @@ def measure_repetition(
             naming_lab_keys(experiment.rig_name, experiment.particle_place),
             unquoted(views[0], outside=is_table(views[0]) and not experiment.outside.isdisjoint(views)),
         ):
-            return reworded(_measure(experiment, views, out, **more))
+            measurement: Measurement = reworded(_measure(experiment, views, out, **more))
+            return measurement
     except RigtwinError as error:
         if isinstance(error, BadInput):
             return Failure(views[0], str(error), error.seen, error.picture)
@@ -394,7 +395,8 @@ def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> It
         found = combine(same)
         what = ", ".join(filter(None, (title(stated.quantity), siblings(stated.detail))))
         given, seen = (reading(one.value, one.std_uncertainty, one.unit) for one in (stated, found))
-        those = f"the mean of {len(same)} repetitions" if len(same) > 1 else "that of a repetition"
+        those = f"the mean of {found.n} repetitions" if found.n > 1 else "that of a repetition"
+        those += f" ({found.left_out} doubtful left out)" if found.left_out else ""
         warning = f"{what} ({stated.method}) is stated in lab.toml as {given}; {those}, {seen}, is not used"
         if found.doubtful:
             warning += ", and is doubtful"

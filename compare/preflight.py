@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigtwin.compare.result_files import relative
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput, TwinLacks, options_in
-from rigtwin.lab.file.lab_file import Experiment, Fault, Lab, faulty, stands_in
+from rigtwin.lab.file.lab_file import Experiment, Fault, Lab, camera_key, faulty
 from rigtwin.lab.file.option_names import in_keys
 from rigtwin.lab.file.schema import keys_of_camera
 from rigtwin.lab.file.toml_lines import Key
@@ -178,13 +177,9 @@ def _opened(lab: Lab, experiment: Experiment, views: Sequence[Path]) -> float | 
 
 
 def _misfit(lab: Lab, experiment: Experiment, view: Path, error: BadInput) -> _Misfit:
-    """The fault with the key that states what does not fit: that of the file, or of all files."""
+    """The fault with the key that states what does not fit: that of the file, of all files, or the media."""
     why = in_keys(str(error), experiment.rig_name, experiment.particle_place)
     names = [name for name in options_in(str(error)) if name in keys_of_camera(experiment.rig_name)]
-    places: list[Key] = [
-        (*place, name) for name in names for place in (("files", relative(view, lab.folder)), ("camera",))
-    ]
-    if not places:
-        return _Misfit(("repetitions",), why)
     # the message names start and end if the interval is too short, whichever is stated
-    return _Misfit(next((place for place in places if stands_in(lab, experiment, place)), ("camera", names[0])), why)
+    stated = filter(None, (camera_key(lab, experiment, view, name) for name in names))
+    return _Misfit(next(stated, ("repetitions",)), why)

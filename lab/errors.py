@@ -162,9 +162,10 @@ class NothingToMeasure(BadInput):
     """Readable media in which the thing to be measured was not found."""
 
 
-# an option and its value: a number with its unit, or a word with a digit, an inner comma or colon (x1,y1,x2,y2)
+# an option and its value: a number with its unit, or a word with a digit, an inner comma or colon (x1,y1,x2,y2); the
+# end of a file's name (heap--base.png) is none
 _OPTION = re.compile(
-    r"--([a-z]+(?:-[a-z]+)*)"
+    r"(?<![\w.-])--([a-z]+(?:-[a-z]+)*)"
     r"(?: (\d[\d.e+-]* (?:mm|m|g|kg|Hz|deg|s|ms)\b|(?=[^\s;]*(?:\d|[,:]\w))[\w.,:+^/-]*\w))?"
 )
 
@@ -249,7 +250,7 @@ def reworded_refusals(change: Callable[[str], str]) -> Iterator[None]:
     Parameters
     ----------
     change : callable
-        Returns a message in other words, and one that it has changed as it is.
+        Returns a message in other words; must be idempotent: a message that it has returned comes back equal.
 
     Raises
     ------

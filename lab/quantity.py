@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from operator import is_
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,11 +21,9 @@ from rigtwin.lab.records import Profile, Series, Track
 
 if TYPE_CHECKING:
     import pandas as pd
-    from _typeshed import DataclassInstance
     from matplotlib.figure import Figure
 
 Detail = str | int | float | bool
-Result = TypeVar("Result", bound="DataclassInstance")
 
 MOST_IN_REPR = 12  # quantities, as many as a person reads at a glance
 
@@ -259,14 +258,18 @@ class Readable:
 
     def __repr__(self) -> str:
         """What it is of, its first numbers, and what speaks against them: records have millions of characters."""
-        source = f", {self.source.name}" if isinstance(self, Measurement) else ""
         first = self.quantities[:MOST_IN_REPR]
         lines = [f"{_label(one)} = {reading(one.value, one.std_uncertainty, one.unit)}" for one in first]
         lines = [f"{line}{', doubtful' if one.doubtful else ''}" for line, one in zip(lines, first, strict=True)]
         if more := len(self.quantities) - len(first):
             lines.append(f"{more} more: to_frame()")
         lines += dict.fromkeys(f"doubtful: {one.doubtful}" for one in self.quantities if one.doubtful)
-        return "\n  ".join([f"<{type(self).__name__} of a {self.rig}{source}", *lines]) + ">"
+        return "\n  ".join([f"<{type(self).__name__} of {self._subject}", *lines]) + ">"
+
+    @property
+    def _subject(self) -> str:
+        """What it is of, in a few words."""
+        return f"a {self.rig}"
 
     def quantity(self, name: str, method: str | None = None, **detail: Detail) -> Quantity:
         """Return the one quantity of that name.
@@ -406,6 +409,10 @@ class Measurement(Readable):
     frame_times: tuple[float, ...] = ()
     """Capture time of each picture in the file [s], by the clock of `tracks`; only of a film with `tracks`."""
 
+    @property
+    def _subject(self) -> str:
+        return f"{super()._subject}, {self.source.name}"
+
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin measure --json`."""
         return {
@@ -436,37 +443,40 @@ class Measurement(Readable):
         return replace(self, files={})
 
 
-def reworded(found: Result, change: Callable[[str], str] = reword) -> Result:
-    """Return a result, of a measurement or another, with its sentences in other words.
+def reworded(found: Any, change: Callable[[str], str] = reword) -> Any:
+    """Return a result with all its texts in other words.
 
     Parameters
     ----------
     found : Measurement, Twin, Comparison, ...
-        The result, a dataclass whose reasons, checks and warnings name options.
+        The result: a dataclass, tuple, list or dict, within each other at will.
     change : callable
-        Returns a sentence in other words.
+        Returns a text in other words; one that names no option comes back equal.
 
     Returns
     -------
     Measurement, Twin, Comparison, ...
-        The same with other words.
+        The same with other words; what has no changed text within is not copied.
 
     Examples
     --------
     >>> reworded(Evaluation((), warnings=("check --base",)), lambda text: text.replace("--", "")).warnings
     ('check base',)
     """
-    names = {field.name for field in fields(found)}
-    changed: dict[str, Any] = {}
-    for name in names & {"warnings", "remarks", "assumptions"}:
-        changed[name] = tuple(map(change, getattr(found, name)))
-    for name, sentence in (("quantities", "doubtful"), ("checks", "message")):
-        if name in names:
-            ones = getattr(found, name)
-            changed[name] = tuple(replace(one, **{sentence: change(getattr(one, sentence))}) for one in ones)
-    if isinstance(evaluation := getattr(found, "evaluation", None), Evaluation):
-        changed["evaluation"] = reworded(evaluation, change)
-    return replace(found, **changed)
+    if isinstance(found, str):
+        new = change(found)
+        return found if new == found else new
+    if type(found) in (tuple, list):
+        parts = [reworded(one, change) for one in found]
+        return found if all(map(is_, parts, found)) else type(found)(parts)
+    if type(found) is dict:
+        parts = reworded(values := list(found.values()), change)
+        return found if parts is values else dict(zip(found, parts, strict=True))
+    if is_dataclass(found) and not isinstance(found, type):
+        names = [each.name for each in fields(found) if each.init]
+        parts = reworded(values := [getattr(found, name) for name in names], change)
+        return found if parts is values else replace(found, **dict(zip(names, parts, strict=True)))
+    return found
 
 
 def _finite(value: float) -> float | None:

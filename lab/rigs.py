@@ -140,14 +140,13 @@ class _Settings:
     title: ClassVar[str]  # for the reader of a report
     several_views: ClassVar[bool] = False  # a rig at rest, of which one repetition may have several photos
     wall_of_particles: ClassVar[bool] = False  # whether the wall may be covered with particles, and has their contacts
-    only_of: ClassVar[Mapping[str, str]] = {}
-    """Settings that one variant has, with that variant."""
+    only_of: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    """Settings that are used with one value of another setting alone, with that setting and its value."""
 
     @property
     def idle(self) -> frozenset[str]:
-        """Settings that this variant does not have."""
-        variant = getattr(self, "variant", None)
-        return frozenset(name for name, other in self.only_of.items() if other != variant)
+        """Settings that are not used with the others as they are."""
+        return frozenset(name for name, (other, value) in self.only_of.items() if getattr(self, other) != value)
 
     @property
     def particles_touch(self) -> bool:
@@ -205,6 +204,7 @@ class PendulumSettings(_Settings):
 
     name: ClassVar[RigName] = "pendulum"
     title: ClassVar[str] = "Pendulum"
+    only_of: ClassVar[Mapping[str, tuple[str, str]]] = {"rod_mass": ("hanger", "rod")}
 
     @property
     def particles_touch(self) -> bool:
@@ -250,12 +250,12 @@ class PileSettings(_Settings):
     name: ClassVar[RigName] = "pile"
     title: ClassVar[str] = "Pile"
     several_views: ClassVar[bool] = True
-    only_of: ClassVar[Mapping[str, str]] = {
-        "outlet_diameter": "piling",
-        "outlet_height": "piling",
-        "tube_diameter": "pouring",
-        "lift_speed": "pouring",
-        "drain_diameter": "emptying",
+    only_of: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "outlet_diameter": ("variant", "piling"),
+        "outlet_height": ("variant", "piling"),
+        "tube_diameter": ("variant", "pouring"),
+        "lift_speed": ("variant", "pouring"),
+        "drain_diameter": ("variant", "emptying"),
     }
 
     def rig(self) -> Pile:
@@ -342,7 +342,11 @@ class HopperSettings(_Settings):
 
     name: ClassVar[RigName] = "hopper"
     title: ClassVar[str] = "Hopper"
-    only_of: ClassVar[Mapping[str, str]] = {"depth": "slot", "inclination": "slot", "cone_height": "conical"}
+    only_of: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "depth": ("variant", "slot"),
+        "inclination": ("variant", "slot"),
+        "cone_height": ("variant", "conical"),
+    }
 
     def rig(self) -> Hopper:
         """The rig of the twin."""

@@ -7,6 +7,7 @@ places, what changes over a film, and the marks that the refusal carries (`rigtw
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -100,17 +101,18 @@ def shows_refusals(measure: Callable[P, Measurement]) -> Callable[P, Measurement
 
 
 def _with_values(found: Measurement, camera: object) -> Measurement:
-    """The measurement with the value of each stated place that one of its sentences names without one."""
-    cameras = [each for each in (camera if isinstance(camera, Sequence) else [camera]) if isinstance(each, Camera)]
-    stated: dict[str, set[str]] = {}
-    for option in dict.fromkeys(option for each in cameras for option in each.stated_options):
-        stated.setdefault(option.split()[0], set()).add(option)
-    clear = {name: "".join(options) for name, options in stated.items() if len(options) == 1}  # the same in all views
+    """The measurement with the value of each place that all views state alike, where a sentence names none."""
+    cameras = camera if isinstance(camera, Sequence) else [camera]
+    views = [set(each.stated_options if isinstance(each, Camera) else ()) for each in cameras]
+    values = Counter(option.split()[0] for option in set().union(*views))
+    alike = set.intersection(*views)
+    clear = {name: option for option in alike if values[name := option.split()[0]] == 1}
 
     def valued(name: str, value: str) -> str | None:
         return None if value else clear.get(f"--{name.replace('_', '-')}")
 
-    return reworded(found, partial(rename_options, instead=valued))
+    clearer: Measurement = reworded(found, partial(rename_options, instead=valued))
+    return clearer
 
 
 def _with_lost_end(media: Sequence[Path], error: NothingToMeasure) -> str:

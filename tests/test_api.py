@@ -1,17 +1,20 @@
 """The Python API: the same answers as the commands, tables, figures, and refusals in the API's own words."""
 
+import inspect
 import json
 import math
 import subprocess
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
 import trimesh
+import typer
 
 import rigtwin
-from rigtwin import cli
+from rigtwin import api, cli
 from rigtwin.lab.errors import BadInput
 
 SAMPLES = Path(__file__).parents[1] / "sample_media"
@@ -104,6 +107,23 @@ def test_a_twin_has_values_and_a_table():
 def test_refusals_name_the_keyword(call, words):
     with pytest.raises(BadInput, match=words):
         call()
+
+
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        ({}, "a whole number."),
+        ({"min": 2}, "a whole number from 2 upwards."),
+        ({"max": 2_000_000}, "a whole number up to 2000000."),
+        ({"min": 0, "max": 2_000_000}, "a whole number from 0 to 2000000."),
+    ],
+)
+def test_a_number_that_is_not_whole_or_out_of_range_is_refused_with_the_range(ends, words):
+    parameter = inspect.Parameter("n", inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[int, typer.Option(**ends)])
+    for value in [1.5, True, *([3_000_000] if "max" in ends else []), *([-1] if "min" in ends else [])]:
+        with pytest.raises(BadInput, match=f"^n: {value} is not {words}$"):
+            api._read("n", value, parameter)
+    assert api._read("n", 2, parameter) == 2
 
 
 def test_doubts_and_warnings_name_the_keyword():

@@ -284,8 +284,8 @@ def faulty(lab: Lab, faults: Sequence[Fault]) -> BadLabFile:
     return read_document(lab.path).error(Problem(_whole(lab, one.experiment, one.key), one.why) for one in faults)
 
 
-def stands_in(lab: Lab, experiment: Experiment, key: Key) -> bool:
-    """Return whether the file of a lab states a key of an experiment.
+def camera_key(lab: Lab, experiment: Experiment, view: Path, name: str) -> Key | None:
+    """Return the key that states a value of the camera for a file: the file's own, or that of all files.
 
     Parameters
     ----------
@@ -293,15 +293,21 @@ def stands_in(lab: Lab, experiment: Experiment, key: Key) -> bool:
         Lab as it was read.
     experiment : Experiment
         One of its experiments.
-    key : Key
-        Key within the experiment, such as ``("camera", "start")``.
+    view : Path
+        Clip or photo of a repetition.
+    name : str
+        Name of the value, such as ``"start"``.
 
     Returns
     -------
-    bool
-        Whether it does.
+    Key or None
+        Key within the experiment; None where the lab states no such value for the file.
     """
-    return _whole(lab, experiment, key) in read_document(lab.path).lines
+    root = _whole(lab, experiment, ())
+    stated = [key[len(root) :] for key in read_document(lab.path).lines if key[: len(root)] == root]
+    own: list[Key] = [("files", key[1], name) for key in stated if key[:1] == ("files",) and len(key) == 2]
+    places = [*(key for key in own if lab.folder / str(key[1]) == view), ("camera", name)]
+    return next((key for key in places if key in stated), None)
 
 
 def _whole(lab: Lab, experiment: Experiment, key: Key) -> Key:

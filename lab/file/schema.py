@@ -966,9 +966,9 @@ class _ExperimentEntry(_Entry):
         """Yield keys of the rig that do not go together, and why."""
         settings = self.settings()
         for name in sorted(settings.idle & self.model_fields_set):
-            other = settings.only_of[name]
-            variant = getattr(settings, "variant", None)
-            yield name, f'is of variant = "{other}" and not used with variant = "{variant}"; leave it out.'
+            other, value = settings.only_of[name]
+            given = getattr(settings, other)
+            yield name, f'is of {other} = "{value}" and not used with {other} = "{given}"; leave it out.'
 
 
 class UncertaintyEntry(_Entry):
@@ -1024,13 +1024,11 @@ class PendulumEntry(_ExperimentEntry):
     hanger: Literal["string", "rod"] = Field(
         default="string", examples=["rod"], description="suspension of each particle: a string or a rigid rod"
     )
-    rod_mass: Mass = Field(default=0.0, examples=["2 g"], description="of each rod")
+    rod_mass: Mass = Field(default=0.0, examples=["2 g"], description="of each, uniform along its length")
 
     def faults(self) -> Iterable[tuple[str, str]]:
         """Yield keys of a pendulum that do not go together, and why."""
         yield from super().faults()
-        if self.hanger == "string" and self.rod_mass > 0:
-            yield "rod_mass", 'is of hanger = "rod" and not used with hanger = "string"; leave it out.'
         if self.variant == "wall" and self.wall is None:
             yield "wall", 'this key is missing; a pendulum with variant = "wall" needs wall = "steel".'
         if self.variant == "double" and self.wall is not None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array, FloatImage, Image, Mask
 from rigtwin.measure.bulk.outline import Silhouette
-from rigtwin.measure.geometry.disc_morphology import disc
+from rigtwin.measure.geometry.disc_morphology import disc, odd
 from rigtwin.measure.geometry.lines import at, straight
 
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
@@ -54,10 +54,9 @@ def _off_level(found: Silhouette, seen: Mask) -> Mask:
 
 def under_glare(points: Array, glare: Mask, radius: float) -> Mask:
     """Points, shape (n, 2) [px], near patches of glare that are larger than the highlight on a bead."""
-    size = max(3, round(0.8 * radius) | 1)
+    size = odd(0.8 * radius)
     patch = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
     if not patch.any():
         return np.zeros(len(points), dtype=bool)
-    reach = 2 * math.ceil(1.5 * radius) + 1
-    patch = cv2.dilate(patch, disc(reach))
+    patch = cv2.dilate(patch, disc(odd(2 * math.ceil(1.5 * radius))))
     return np.asarray(at(patch, points) > 0)

@@ -29,7 +29,7 @@ from rigtwin.measure.drum.glare import brightened_share
 from rigtwin.measure.drum.rim import LEAST_SUPPORT, Rim, compared, find_rim, rim_of_bed, stated_rim
 from rigtwin.measure.drum.rotation import sector_of, turning_of
 from rigtwin.measure.geometry.camera_roll import Upright, upright
-from rigtwin.measure.geometry.disc_morphology import opened
+from rigtwin.measure.geometry.disc_morphology import odd, opened
 from rigtwin.measure.media.video import Video
 from rigtwin.measure.robust import mad_std
 from rigtwin.measure.scene.contrast_stretch import Exposure, exposure_of
@@ -476,8 +476,7 @@ def _outline(still: Still, looks: Looks, rim: Rim, roll: float) -> Outline:
 
 def _top(odds: FloatImage, bead: float) -> tuple[Array, float]:
     """Row of the upper border of the large groups of bead pixels by column, NaN if there is none; and their area."""
-    size = max(3, round(0.35 * bead) | 1)
-    marked = opened((odds > 0).astype(np.uint8), size)
+    marked = opened((odds > 0).astype(np.uint8), odd(0.35 * bead))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(marked, connectivity=4)
     if count < 2:
         return np.full(odds.shape[1], np.nan), 0.0

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
-from rigtwin.measure.geometry.disc_morphology import opened
+from rigtwin.measure.geometry.disc_morphology import odd, opened
 from rigtwin.measure.robust import mad_std
 
 COARSE = 400  # [px], longer side of the reduced picture in which edges vote for the axis
@@ -107,8 +107,7 @@ def rim_of_bed(moving: npt.NDArray[np.bool_]) -> Rim | None:
 
 def _largest(marked: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """The largest thick region; bolts that turn with the flange leave a thin ring beside the bed."""
-    size = max(3, round(THIN * max(marked.shape)) | 1)
-    thick = opened(marked.astype(np.uint8), size)
+    thick = opened(marked.astype(np.uint8), odd(THIN * max(marked.shape)))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(thick, connectivity=4)
     if count < 2:
         return marked

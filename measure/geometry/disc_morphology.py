@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Marked = npt.NDArray[np.uint8]
-"""Mask of zeros and ones, shape (height, width)."""
+from rigtwin.lab.arrays import Marked
+
+
+def odd(size: float) -> int:
+    """Diameter [px] of a disc with a pixel in its middle and others around it."""
+    return max(3, round(size) | 1)
 
 
 def disc(across: int) -> Marked:

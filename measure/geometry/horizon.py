@@ -20,7 +20,7 @@ MOST_ROLL = math.radians(8)  # largest slope of an edge that counts as level
 SIDEWAYS = math.radians(2.0)  # prior standard deviation of the angle between view and normal of the rig's plane
 # [rad], prior standard deviation of the convergence over the width of the picture: root mean square of
 # tan(SIDEWAYS) / f over the focal lengths f [picture widths] of an unknown lens, which are lognormal
-CONVERGING = math.tan(SIDEWAYS) / FOCAL_LENGTH * math.exp(FOCAL_UNCERTAINTY**2)
+CONVERGENCE_STD = math.tan(SIDEWAYS) / FOCAL_LENGTH * math.exp(FOCAL_UNCERTAINTY**2)
 NOT_QUITE = math.radians(0.012)  # standard uncertainty of straightness and parallelism of a plate's edges
 ELSEWHERE = math.radians(0.15)  # the same for edges of other objects (a shelf, a scale), level and parallel to the rig
 ALONE = math.radians(0.5)  # the same if no edge of the plate is found
@@ -67,7 +67,7 @@ def find_level(
     plate = np.array([line.middle[1] > below and line.strength > FAINT * strongest for line in lines])
     systematic = np.where(plate, NOT_QUITE, ELSEWHERE) if np.any(plate) else np.full(len(lines), ALONE)
     centre = ((width - 1) / 2, (height - 1) / 2)
-    usual = 0.0, CONVERGING / width
+    usual = 0.0, CONVERGENCE_STD / width
     return _fit(lines, systematic, centre, usual if converging is None else _combined(usual, converging))
 
 
@@ -75,7 +75,7 @@ def level_of(lines: list[Line], shape: tuple[int, ...], given: float | None = No
     """Common direction of long edges and its change per row; `given` is the slope [rad] if known."""
     height, width = shape[:2]
     centre = ((width - 1) / 2, (height - 1) / 2)
-    usual = 0.0, CONVERGING / width
+    usual = 0.0, CONVERGENCE_STD / width
     good = [line for line in lines if line.sigma < POOR]
     if given is not None or not good:
         kept = [line for line in good if given is None or abs(line.slope - given) < PARALLEL]

@@ -12,10 +12,9 @@ from itertools import combinations, pairwise, product
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from rigtwin.lab.arrays import FloatImage, Image, Mask
-from rigtwin.measure.geometry.disc_morphology import disc
+from rigtwin.lab.arrays import FloatImage, Image, Marked, Mask
+from rigtwin.measure.geometry.disc_morphology import disc, odd
 
 ACROSS = 6.0  # [px], bead diameter in the reduced picture, enough to detect a hand
 UNLIKE = 15.0  # [grey levels], least difference from all that a pixel may show
@@ -47,7 +46,7 @@ class Usual:
         """The picture at reduced size."""
         return _smaller(picture, self.zoom)
 
-    def mask(self, small: npt.NDArray[np.uint8], shape: tuple[int, ...]) -> Mask:
+    def mask(self, small: Marked, shape: tuple[int, ...]) -> Mask:
         """A mask at reduced size, enlarged to the picture."""
         return np.asarray(cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_NEAREST) > 0)
 
@@ -60,7 +59,7 @@ def usual_sight(
     `bed` marks beads in `full`.  `slot_row` and the diameter `bead` are in px, `noise` in grey levels.
     """
     core = cv2.erode(bed.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    near, far = (cv2.dilate(bed.astype(np.uint8), disc(2 * max(round(each * bead), 1) + 1)) > 0 for each in ABOUT)
+    near, far = (cv2.dilate(bed.astype(np.uint8), disc(odd(2 * round(each * bead)))) > 0 for each in ABOUT)
     about = far & ~near
     about[max(round(slot_row - OVER_SLIDE * bead), 0) :] = False
     zoom = min(1.0, ACROSS / bead)
@@ -95,7 +94,7 @@ def foreign(picture: Image, usual: Usual) -> Mask:
     level = usual.level + float(np.median(off))
     unusual = off > level
     off[unusual] = _off_mixtures(shown[unusual], usual.first[unusual], usual.last[unusual], usual.tones)
-    found = cv2.dilate(_opened(off > level), disc(2 * max(round(SOFT * usual.bead), 1) + 1))
+    found = cv2.dilate(_opened(off > level), disc(odd(2 * round(SOFT * usual.bead))))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(found, connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] > LEAST * np.pi / 4 * usual.bead**2
     large[0] = False
@@ -138,7 +137,7 @@ def _smaller(picture: Image | FloatImage, zoom: float) -> FloatImage:
     return np.asarray(small, dtype=np.float32)
 
 
-def _opened(marked: Mask) -> npt.NDArray[np.uint8]:
+def _opened(marked: Mask) -> Marked:
     """The mask without single pixels and thin edges."""
     return np.asarray(cv2.morphologyEx(marked.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)), np.uint8)
 

@@ -29,14 +29,17 @@ SHORT_OF_MEMORY = (errno.ENOMEM, errno.EAGAIN)  # the second one where a decoder
 METADATA: dict[str, Any] = {"metadata_errors": "replace"} if int(av.__version__.partition(".")[0]) < 19 else {}
 """Metadata that are no text do not matter; from version 19 on PyAV takes it that way itself."""
 
-MISSING = {
+REFUSALS = {
     "video": (
         "holds no video; give a clip that a video player shows.",
-        "pictures; save the clip as H.264.",
+        "FFmpeg has no decoder for its pictures; save the clip as H.264.",
     ),
-    "audio": ("the file has no sound track.", "sound; save it as WAV."),
+    "audio": (
+        "the file has no sound track.",
+        "FFmpeg has no decoder for its sound; save it as WAV.",
+    ),
 }
-"""Ends of the refusals of a file without such a stream, and of one that FFmpeg cannot decode."""
+"""By kind of stream: the refusal of a file without one, and of a file whose stream FFmpeg cannot decode."""
 
 HEAD = 512  # [bytes], in which a play list shows itself
 
@@ -104,9 +107,9 @@ def first_stream(container: Any, path: Path, kind: Literal["video", "audio"]) ->
         There is none, or FFmpeg has no decoder for it.
     """
     streams = getattr(container.streams, kind)
-    absent, undecoded = MISSING[kind]
+    absent, undecoded = REFUSALS[kind]
     if not streams:
         raise UnreadableMedia(f"{path}: {absent}")
     if streams[0].codec_context is None:
-        raise UnreadableMedia(f"{path}: FFmpeg has no decoder for its {undecoded}")
+        raise UnreadableMedia(f"{path}: {undecoded}")
     return streams[0]

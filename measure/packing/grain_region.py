@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array, FloatImage, Image, Mask
+from rigtwin.lab.arrays import Array, FloatImage, Image, Marked, Mask
 from rigtwin.measure.bulk.grain_classes import Grain
-from rigtwin.measure.geometry.disc_morphology import closed, disc, opened
+from rigtwin.measure.geometry.disc_morphology import closed, disc, odd, opened
 
 ENDS_AT = 0.5  # probability of grains at which they end
 NEAR = 3.0  # [bead radii], distance from the region within which grains belong to it
@@ -25,8 +24,8 @@ def grain_region(classes: FloatImage, radius: float) -> tuple[Mask, FloatImage]:
     `classes` are the probabilities by `grain_classes`, shape (height, width, 4), `radius` is that of a bead [px].
     """
     grains = (classes[..., Grain.GRAINS] > ENDS_AT).astype(np.uint8)
-    region = _largest(opened(_joined(closed(grains, _odd(2 * radius)), radius), _odd(5 * radius)))
-    near = cv2.dilate(region, disc(_odd(2 * NEAR * radius))) > 0
+    region = _largest(opened(_joined(closed(grains, odd(2 * radius)), radius), odd(5 * radius)))
+    near = cv2.dilate(region, disc(odd(2 * NEAR * radius))) > 0
     kept = classes.copy()
     kept[..., Grain.GRAINS][~near] = 0.0
     return region > 0, kept
@@ -53,7 +52,7 @@ def straightened(likely: FloatImage, region: Mask, lean: float, radius: float) -
     size = (region.shape[1], region.shape[0])
     turned = cv2.warpAffine(likely, turn, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     kept = cv2.warpAffine(region.astype(np.uint8), turn, size, flags=cv2.INTER_NEAREST)
-    grains = _joined(closed((turned > ENDS_AT).astype(np.uint8), _odd(1.5 * radius)), radius)
+    grains = _joined(closed((turned > ENDS_AT).astype(np.uint8), odd(1.5 * radius)), radius)
     return Straight(grains > 0, kept > 0, centre, lean)
 
 
@@ -102,17 +101,12 @@ def _run(lines: Mask) -> Array:
     return np.asarray(np.argmax(ended, axis=1), dtype=np.float64)
 
 
-def _odd(size: float) -> int:
-    """Diameter [px] of a disc with a pixel in its middle."""
-    return max(3, round(size) | 1)
-
-
-def _joined(mask: npt.NDArray[np.uint8], radius: float) -> npt.NDArray[np.uint8]:
+def _joined(mask: Marked, radius: float) -> Marked:
     """The mask without gaps between grains above and below: a rod in front of the bed does not divide it."""
     upright = np.ones((round(ROD * radius) | 1, 1), np.uint8)
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, upright), dtype=np.uint8)
 
 
-def _largest(mask: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def _largest(mask: Marked) -> Marked:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     return (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8) if count > 1 else mask

@@ -18,7 +18,7 @@ import pandas as pd
 
 from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.lab.camera import STATED_SIGMA, Point, Seed
-from rigtwin.measure.geometry.disc_morphology import opened
+from rigtwin.measure.geometry.disc_morphology import odd, opened
 from rigtwin.measure.robust import MAD_TO_STD, mad_std
 from rigtwin.measure.tilt.plate_angle import Arm
 
@@ -77,7 +77,7 @@ class Step:
 
 def glare(picture: FloatImage) -> npt.NDArray[np.bool_]:
     """Mask of reflections of lamps, which stay for the whole clip; highlights on beads are smaller."""
-    size = max(5, round(GLARE_SIZE * max(picture.shape)) | 1)
+    size = max(5, odd(GLARE_SIZE * max(picture.shape)))
     # white is often at 235 in video
     white = max(float(picture.max()) - 3, SATURATED)
     patch = opened((picture >= white).astype(np.uint8), size)

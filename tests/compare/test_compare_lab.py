@@ -439,6 +439,10 @@ repetitions = ["clip.avi"]
             "rig='drop'\ncamera.region=[500,0,9,9]\n[experiments.files.'clip.avi']\nregion=[500,0,9,9]",
             ['line 10: experiment 1, files."clip.avi".region: '],
         ),
+        (
+            "rig='drop'\n[experiments.files.'./clip.avi']\nregion=[500,0,9,9]",
+            ['line 9: experiment 1, files."./clip.avi".region: '],
+        ),
     ],
 )
 def test_impossible_settings_are_refused_with_their_line_before_anything_is_measured(

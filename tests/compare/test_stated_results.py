@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from dataclasses import asdict
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -12,7 +13,9 @@ from threadpoolctl import threadpool_limits
 
 from rigtwin.cli import run
 from rigtwin.compare.compare_lab import compare
-from rigtwin.lab.quantity import Quantity
+from rigtwin.compare.measure_repetitions import Measured
+from rigtwin.lab.file.lab_file import read_lab
+from rigtwin.lab.quantity import Measurement, Quantity
 from rigtwin.lab.reference.repetition_scatter import published_scatter
 from rigtwin.lab.rig_quantities import quantities_of
 from rigtwin.lab.rigs import (
@@ -197,6 +200,26 @@ def test_a_stated_value_that_the_media_contradict_is_named_with_the_measured_one
     assert f"stated in lab.toml as {height.split()[0]}" in said
     assert "that of a repetition, 14.1" in said
     assert ("contradict each other" in said) == contradicts
+
+
+@pytest.mark.parametrize(
+    ("doubtful", "those"),
+    [
+        (["", "", ""], "the mean of 3 repetitions, 15.00 "),
+        (["", "", "it leans"], "the mean of 2 repetitions (1 doubtful left out), 14.50 "),
+        (["", "it leans", "it leans"], "that of a repetition (2 doubtful left out), 14.00 "),
+        (["it leans"] * 3, "the mean of 3 repetitions, 15.00 "),
+    ],
+)
+def test_what_a_stated_value_replaces_is_the_mean_of_the_sound_repetitions(doubtful, those, tmp_path):
+    value = stated('bed_height = { value = "15 +- 0.3 mm", method = "outline" }')
+    (experiment,) = read_lab(write(tmp_path / "lab", BED + value)).experiments
+    heights = [
+        Quantity("bed_height", 0.014 + 0.001 * k, 1e-4, "m", "outline", doubtful=why) for k, why in enumerate(doubtful)
+    ]
+    found = Measured(experiment, tuple(Measurement("packing", Path("r.csv"), "", (one,)) for one in heights), ())
+    (said,) = [text for text in found.warnings if "stated in lab.toml" in text]
+    assert f"; {those}" in said
 
 
 @pytest.mark.usefixtures("in_this_process")

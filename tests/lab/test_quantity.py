@@ -1,6 +1,7 @@
 """What a measurement says, as JSON."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.lab.quantity import Check, Measurement, Quantity, doubted, root_sum_of_squares
+from rigtwin.lab.errors import rename_options
+from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, reworded, root_sum_of_squares
 
 # numbers below 1e-308 are zero wherever a library has set the processor to flush them
 FLOATS = st.floats(allow_subnormal=False)
@@ -81,3 +83,28 @@ def test_a_measurement_prints_the_document_of_the_command():
 def test_reasons_for_doubt_stand_in_a_row_without_full_stops():
     found = doubted(Quantity("restitution_wall", 0.44, 0.01, "1", "height"), "a clip of 240 Hz.; the rim shows 6.5 mm.")
     assert found.doubtful == "a clip of 240 Hz; the rim shows 6.5 mm"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A result of which texts stand at several depths."""
+
+    evaluation: Evaluation
+    assumptions: dict[str, str]
+    reason: str = ""
+    heights: tuple[float, ...] = (0.1, 0.2)
+
+
+def test_a_result_is_reworded_wherever_its_texts_stand_and_is_not_copied_elsewhere():
+    doubtful = Quantity("bed_height", 0.1, 0.01, "m", "outline", detail={"view": "bed--base"}, doubtful="check --base")
+    run = Run(Evaluation((doubtful,)), {"--": "as --floor says", "wall": "smooth"}, "with --only")
+    new, files = reworded(
+        (run, {"report": Path("--base.html")}), lambda text: rename_options(text, lambda name, _: name)
+    )
+    assert new.assumptions == {"--": "as floor says", "wall": "smooth"}
+    assert new.reason == "with only"
+    assert new.evaluation.quantities[0].doubtful == "check base"
+    assert new.evaluation.quantities[0].detail == {"view": "bed--base"}
+    assert files == {"report": Path("--base.html")}
+    assert new.heights is run.heights
+    assert reworded(new, lambda text: text) is new

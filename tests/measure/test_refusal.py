@@ -10,6 +10,7 @@ import pytest
 import rigtwin
 from rigtwin.lab.camera import Camera, KnownLength, Seed
 from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen
+from rigtwin.lab.quantity import Measurement
 from rigtwin.measure import refusal
 
 RIGS = {
@@ -159,3 +160,26 @@ def test_a_stated_value_is_neither_named_twice_nor_missed_beside_one_that_begins
 def test_a_bead_larger_than_its_drum_is_refused_with_both_sizes(film):
     with pytest.raises(BadInput, match=r"a bead of 60 mm \(bead_diameter\) .* drum of 15 mm \(drum_diameter\)"):
         rigtwin.measure("drum", film, drum_diameter="15 mm", speed="4 rpm", bead_diameter="60 mm")
+
+
+BASE, OTHER = ((100.0, 300.0), (400.0, 300.0)), ((90.0, 300.0), (400.0, 300.0))
+
+
+@pytest.mark.parametrize(
+    ("bases", "named"),
+    [
+        ([BASE, BASE], "--base 100,300,400,300"),
+        ([BASE, None], "--base"),
+        ([None, BASE], "--base"),
+        ([BASE, OTHER], "--base"),
+    ],
+)
+def test_a_reason_has_the_value_of_a_place_that_every_photo_states(bases, named, tmp_path):
+    photos = [tmp_path / "view1.png", tmp_path / "view2.png"]
+
+    @refusal.shows_refusals
+    def measure(media, cameras):
+        return Measurement("pile", media[0], "", (), warnings=("view2: no base was found; --base states it",))
+
+    found = measure(photos, [Camera(base=base) for base in bases])
+    assert found.warnings == (f"view2: no base was found; {named} states it",)

@@ -103,17 +103,22 @@ def _step_within(
     The step alone does not show which unknowns belong at their limit: it may lead one across only because it leads
     others across theirs.
     """
-    held_local, held = np.zeros(state.local.shape, dtype=bool), np.zeros(len(unknowns), dtype=bool)
-    ways = linear.g_local, _gradient(unknowns, state, linear)
-    for turn in range(2):
-        across_local = (state.local <= local_low) & (ways[0] < 0)
-        across = ((state.values <= low) & (ways[1] < 0)) | ((state.values >= high) & (ways[1] > 0))
-        if turn and not (across.any() or across_local.any()):
-            break
-        held_local, held = held_local | across_local, held | across
+
+    def across(local: Array, values: Array) -> tuple[Mask, Mask]:
+        """Which unknowns at a limit a change of all would lead across it."""
+        beyond = ((state.values <= low) & (values < 0)) | ((state.values >= high) & (values > 0))
+        return (state.local <= local_low) & (local < 0), beyond
+
+    def step_without(held_local: Mask, held: Mask) -> tuple[Array, Array]:
         without = _holding(linear, held_local) if held_local.any() else linear
-        ways = newton_step(unknowns, state, np.logical_and(free, ~held), without, damping)
-    return ways
+        return newton_step(unknowns, state, np.logical_and(free, ~held), without, damping)
+
+    held_local, held = across(linear.g_local, _gradient(unknowns, state, linear))
+    step = step_without(held_local, held)
+    over_local, over = across(*step)
+    if over_local.any() or over.any():
+        step = step_without(held_local | over_local, held | over)
+    return step
 
 
 def _holding(linear: Linear, held: Mask) -> Linear:

@@ -458,7 +458,7 @@ def test_every_commented_line_of_the_new_lab_is_valid_when_uncommented(tmp_path,
     text = re.sub(r"^wall = .*only with variant.*\n", "", text, flags=re.M)
     text = text.replace('variant = "piling"', f'variant = "{heap}"').replace('variant = "slot"', f'variant = "{shape}"')
     only_of = {**PileSettings.only_of, **HopperSettings.only_of}
-    others = [name for name, variant in only_of.items() if variant not in (heap, shape)]
+    others = [name for name, (_, variant) in only_of.items() if variant not in (heap, shape)]
     text = re.sub(rf"^({'|'.join(others)}) = .*\n", "", text, flags=re.M)
     path.write_text(text)
     drop, pendulum, *_, pile, drum, hopper = read_lab(tmp_path).experiments
