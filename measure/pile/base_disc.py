@@ -141,7 +141,7 @@ def find_disc(classes: FloatImage, grey: GreyImage, *, focal_length: float, roll
     _, _, half, turn, _, thickness = (float(value) for value in candidate)
     x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
     bulge, near = float(template.bulge(focal_length)[0, 0]), float(nearness(template.half, focal_length)[0, 0])
-    return Disc((x, y), half, turn, bulge * half, thickness * half, near, support, fit, lower)
+    return Disc((x, y), half, turn, bulge * half, thickness * half, near, float(support), fit, float(lower))
 
 
 def _search(costs: Sequence[_Cost], bounds: Array) -> Array:
