@@ -284,7 +284,7 @@ OF_PILES = (
     _profile_flaw("flank too steep", neutral=during({"pile.repose_angles.STEEPEST_FLANK": math.inf})),
     _profile_flaw("flank too short", neutral=unsaid("grains long")),
     _pile("flank does not fall steadily", "repose_angles.monotony", always(1.0)),
-    _pile("bare base", "evaluate._bare_base", always("")),
+    _pile("base wider or narrower than the heap", "evaluate._base_flaw", always("")),
     _pile("no base found", "evaluate._quantities_of_view", given_with(0, unsure_base="")),
 )
 OF_DRUMS = (

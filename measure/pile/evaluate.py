@@ -27,6 +27,7 @@ FLAWED = 3.0  # [deg], added to the uncertainty of an angle whose outline is unr
 
 GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # grains per cubed grain diameter, at the solid fraction 0.6 of a loose bed
 
+OVERHANG = 3.0  # [grains], by which a heap may be wider than its base: less than one at each end, and one for reading
 COVERED_BASE = 0.9  # share of a stated base that a heap must cover for a geometric angle over that base
 
 
@@ -192,7 +193,7 @@ def _quantities_of_view(
     }
     flaw = seen.flaw or _flaw_of_profile(heap, sides)
     limited = _base_limited(seen.profile, heap, base_diameter)
-    bare = "" if limited else _bare_base(heap)
+    ill_based = _base_flaw(heap, limited=limited)
     grainy = {
         side: (repose_angles.roughness_uncertainty(heap, side), repose_angles.window_uncertainty(heap, side))
         for side in sides
@@ -219,7 +220,7 @@ def _quantities_of_view(
         if name == GEOMETRIC:
             detail["base_limited"] = limited
         one = Quantity(name, angle, root_sum_of_squares(budget), "deg", method, 1, detail, budget, reason)
-        quantities.append(doubted(one, bare if name == GEOMETRIC and side == "mean" else ""))
+        quantities.append(doubted(one, ill_based if name == GEOMETRIC and side == "mean" else ""))
     order = [(GRAPHICAL, LINE), (GEOMETRIC, "apex"), (GEOMETRIC, "equal area"), (GRAPHICAL, NARROWER)]
     place = {key: rank for rank, key in enumerate(order)}
     quantities.sort(key=lambda one: place.get((one.quantity, one.method), len(order)))
@@ -320,13 +321,22 @@ def _base_limited(profile: Profile, heap: repose_angles.Heap, base_diameter: flo
     return base_diameter is not None and heap.feet[1] - heap.feet[0] > base_diameter - 2 * heap.grain
 
 
-def _bare_base(heap: repose_angles.Heap) -> str:
-    """Reason why the geometric angle over a stated base is doubtful, or ""."""
-    share = (heap.feet[1] - heap.feet[0]) / heap.base_width
-    if share > COVERED_BASE:
+def _base_flaw(heap: repose_angles.Heap, *, limited: bool) -> str:
+    """Reason why the geometric angle over a base is doubtful, or "".
+
+    The heap is wider than the base, or it is narrower and not `limited` by its rim.
+    """
+    across = heap.feet[1] - heap.feet[0]
+    if across - heap.base_width > OVERHANG * heap.grain:
+        return (
+            f"the heap is {across / heap.base_width:.2f} times as wide as its base, more than beads can overhang: "
+            "an end of the base line or the base's diameter is wrong"
+        )
+    if limited or across > COVERED_BASE * heap.base_width:
         return ""
+    share = f"{100 * across / heap.base_width:.0f} %"
     return (
-        f"the heap covers {100 * share:.0f} % of the stated base, so its geometric angle is too small; "
+        f"the heap covers {share} of the stated base, so its geometric angle is too small; "
         "pour until it reaches the rim, or use the graphical angle, which needs no base"
     )
 

@@ -111,9 +111,7 @@ def observe_photo(
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
-    sizes, unconfirmed = (
-        ((), "") if found.stated is not None else size_checks(found, scale, scale_from, bead_diameter, base_diameter)
-    )
+    sizes, unconfirmed = size_checks(found, scale, scale_from, bead_diameter, base_diameter)
     if base_diameter is not None and scale is not None and found.view.radius > 0 and scale_from != "base diameter":
         across = 2 * found.view.radius * scale
         sizes = (*sizes, base_check(across, _scale_uncertainty(found, scale_from, camera), base_diameter, scale_from))

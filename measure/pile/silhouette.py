@@ -99,11 +99,9 @@ def _heap_in(photo: Image, roll: float | None, beads_across: float | None, focal
     disc = find_disc(classes, grey, focal_length=focal_length * zoom, roll=roll)
     if disc is not None:
         view = span = _view_of_disc(disc)
-        stated = None if beads_across is None else view.radius / beads_across
-        around, usual = _around(grey, disc), view.radius / USUAL_BEADS
-        circles = _beads(around, stated)
-        if stated is not None and (others := _of_another_size(image, around, grains, circles, stated)):
-            circles, stated = others, others[0].radius
+        around = _around(grey, disc.centre, disc.half_width, disc.bulge)
+        circles, stated = _circles(image, around, grains, view.radius, beads_across)
+        usual = view.radius / USUAL_BEADS
     else:
         stated, circles = None, _beads(grey)
         view, half = _view_of_feet(grains, roll, focal_length * zoom)
@@ -130,10 +128,25 @@ def _no_outline(span: View, zoom: float) -> str:
     return f"no outline of what differs from the background above a base line {2 * span.radius / zoom:.0f} px wide"
 
 
-def _around(grey: GreyImage, disc: Disc) -> GreyImage:
-    """The part of a picture that a heap on a disc may fill, and as much background as its edges are judged by."""
-    (x, y), half = disc.centre, disc.half_width
-    rows = slice(max(round(y - 1.2 * half), 0), max(round(y + disc.bulge + 0.4 * half), 1))
+def _circles(
+    image: Image, around: GreyImage, grains: Mask | None, half: float, beads_across: float | None
+) -> tuple[tuple[Beads, float] | None, float | None]:
+    """Circles of the heap on a base, and the bead radius [px] to measure with, by the stated sizes if there are any.
+
+    `half` is half the width of the base [px].
+    """
+    if beads_across is None:
+        return _beads(around), None
+    stated = half / beads_across
+    circles = _beads(around, stated)
+    others = None if grains is None else _of_another_size(image, around, grains, circles, stated)
+    return (circles, stated) if others is None else (others, others[0].radius)
+
+
+def _around(grey: GreyImage, middle: tuple[float, float], half: float, bulge: float) -> GreyImage:
+    """The part of a picture that a heap on a base may fill, and as much background as its edges are judged by."""
+    x, y = middle
+    rows = slice(max(round(y - 1.2 * half), 0), max(round(y + bulge + 0.4 * half), 1))
     return np.ascontiguousarray(grey[rows, max(round(x - 1.6 * half), 0) : max(round(x + 1.6 * half), 1)])
 
 
@@ -146,16 +159,22 @@ def _heap_on(
     half, turn = math.hypot(x2 - x1, y2 - y1) / 2, math.atan2(y2 - y1, x2 - x1)
     distance, down, sigma, apart = math.inf, 0.0, 0.0, 0.0
     classes = grain_classes(image)
+    try:
+        grains: Mask | None = _grains(classes)
+    except NothingToMeasure:
+        grains = None
     if flank not in ("left", "right"):  # a slope against a wall is no cone
         distance = half / float(nearness(np.array(half), focal_length * zoom))
         down, sigma = USUAL_DEPRESSION, USUAL_DEPRESSION
-        if (seen := _seen_view(classes, grey, focal_length * zoom, turn)) is not None:
-            down, sigma = seen[0].looking_down, SEEN_DEPRESSION
-            apart = _contradicts(*seen, base, zoom)
+        if grains is not None:
+            disc = find_disc(classes, grey, focal_length=focal_length * zoom, roll=turn)
+            seen = _view_of_disc(disc) if disc else _view_of_feet(grains, turn, focal_length * zoom)[0]
+            down, sigma = seen.looking_down, SEEN_DEPRESSION
+            apart = _contradicts(seen, disc, base, zoom)
     height = distance * math.tan(math.radians(down)) if math.isfinite(distance) else 0.0
     view = View(((x1 + x2) / 2, (y1 + y2) / 2), turn, half, height, distance)
-    circles = _beads(grey) if beads_across is None else None
-    radius = half / beads_across if beads_across is not None else circles[0].radius if circles else half / USUAL_BEADS
+    circles, stated = _circles(image, _around(grey, view.origin, half, 0.0), grains, half, beads_across)
+    radius = stated or (circles[0].radius if circles else half / USUAL_BEADS)
     found = outline_above(image, classes, view, radius, flank)
     if found is None:
         raise NothingToMeasure(_no_outline(view, zoom))
@@ -172,18 +191,6 @@ def _contradicts(view: View, disc: Disc | None, base: Line, zoom: float) -> floa
     apart = max(math.dist(end, (zoom * px, zoom * py)) for end, (px, py) in zip(seen, sorted(base), strict=True))
     usual = math.hypot(STATED_SIGMA * zoom, disc.sigma)
     return apart / zoom if apart > ELSEWHERE * usual + LEAST_APART * view.radius else 0.0
-
-
-def _seen_view(
-    classes: FloatImage, grey: GreyImage, focal_length: float, roll: float
-) -> tuple[View, Disc | None] | None:
-    """The view by the rim of the base, or else by the foot of the heap, and the base."""
-    try:
-        grains = _grains(classes)
-    except NothingToMeasure:
-        return None
-    disc = find_disc(classes, grey, focal_length=focal_length, roll=roll)
-    return _view_of_disc(disc) if disc is not None else _view_of_feet(grains, roll, focal_length)[0], disc
 
 
 def undo_view(x: Array, height: Array, view: View, slopes: tuple[float, float]) -> tuple[Array, Array]:

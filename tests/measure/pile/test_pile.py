@@ -717,6 +717,19 @@ def test_a_stated_base_is_held_against_the_base_that_is_seen(
         assert ("stated base" in one.doubtful) == said
 
 
+def test_sizes_are_checked_on_a_stated_base_too(tmp_path: Path) -> None:
+    scene = Scene(seed=9)
+    ends = base_of(scene)
+    path = photograph(tmp_path, scene)
+    wide = measure([path], Camera(base=ends), base_diameter=10 * scene.base * BEAD, bead_diameter=BEAD)
+    (height,) = (one for one in wide.quantities if one.quantity == "pile_height")
+    assert "times as large as stated" in height.doubtful
+    (left, y), (right, _) = ends
+    short = Camera(base=((left, y), (right - 0.25 * (right - left), y)))
+    cut = measure([path], short, base_diameter=scene.base * BEAD, bead_diameter=BEAD)
+    assert "times as wide as its base" in angle(cut, GEOMETRIC, "mean").doubtful
+
+
 def test_flanks_too_short_for_a_line_are_named_with_the_angle_that_is_missing() -> None:
     x = np.linspace(-0.05, 0.05, 41)
     block = Profile(x, np.where(np.abs(x) < 0.03, 0.01, np.nan), np.full(len(x), 1e-4), view="front")
