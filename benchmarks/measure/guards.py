@@ -275,7 +275,6 @@ OF_PILES = (
     _no_grains("few grains: refused", neutral=during({"pile.silhouette.LEAST_GRAINS": 0.0})),
     _no_grains("unlikely grains: refused", neutral=during({"pile.silhouette.LEAST_LIKELY": 0.0})),
     _disc("rim of the base on edges", neutral=during({"pile.base_disc.LEAST_SUPPORT": 0.0})),
-    _disc("walls of the base on edges", neutral=during({"pile.base_disc.LEAST_WALL": -math.inf})),
     _pile("faint rim of the base", "observe._faint_rim", always("")),
     _disc("regions fit the base", neutral=during({"pile.base_disc.LEAST_FIT": 0.0})),
     _pile("flank against a wall", "repose_angles.free_flanks", _both_flanks),

@@ -30,7 +30,6 @@ LEAST_SUPPORT = 0.5  # least share of lower rim and walls on edges, else another
 # least mean probability that the regions of the template are what they should be: 0.87 to 0.98 in 25 photos by two path
 # tracers, 0.73 where the grains are cubes
 LEAST_FIT = 0.7
-LEAST_WALL = 0.3  # least mean share of the walls on edges, minus edges that continue beyond the end of a wall
 CANDIDATES, GENERATIONS = 120, (35, 35)  # of the first search and of the final one
 MARGIN = 0.1  # [widths], by which the base's ends may lie elsewhere than the classes say
 LEAST_BASE = 0.02  # pixels of the base per pixel of grains, else none is seen
@@ -135,8 +134,8 @@ def find_disc(classes: FloatImage, grey: GreyImage, *, focal_length: float, roll
     candidate[5] *= min(_face_share(grey, _Template(*candidate[:, None, None]), focal_length), 1.0)
     template = _Template(*candidate[:, None, None])
     lower, left, right, *_ = _support(costs[-1].picture, template, focal_length, 160)[:, 0]
-    support, wall = (2 * lower + left + right) / 4, (left + right) / 2
-    if support < LEAST_SUPPORT or wall < LEAST_WALL or fit < LEAST_FIT:
+    support = (2 * lower + left + right) / 4
+    if support < LEAST_SUPPORT or fit < LEAST_FIT:
         return None
     _, _, half, turn, _, thickness = (float(value) for value in candidate)
     x, y = (float(part[0, 0]) for part in template.pixel(np.zeros((1, 1)), -template.thickness))
