@@ -86,7 +86,7 @@ def write_slides(folder, seed, repetitions=5, **hidden):
 
 @pytest.fixture(scope="module")
 def sticky(tmp_path_factory):
-    return write_slides(tmp_path_factory.mktemp("sticky"), 1, pull=1.7e-3)
+    return write_slides(tmp_path_factory.mktemp("sticky"), 1, repetitions=2, pull=1.7e-3)
 
 
 def test_the_fit_of_a_strong_adhesion_converges_without_a_change_of_the_calibration(sticky):
@@ -118,7 +118,7 @@ SLIDE_EFFECTS = ("friction_drop", "sliding_speed", "lens_distortion", "rolling_s
 
 def test_friction_that_changes_with_the_speed_is_named_with_its_slope(tmp_path):
     growth = -0.02
-    lab = write_slides(tmp_path, 4, repetitions=3, growth=growth)
+    lab = write_slides(tmp_path, 4, repetitions=2, growth=growth)
     found = diagnose(lab, listed=[named(name) for name in SLIDE_EFFECTS])
     assert (found.verdict, found.chosen.names) == ("named", ("sliding_speed",))
     slope = found.chosen.fitted.value("sliding_speed.slope")
