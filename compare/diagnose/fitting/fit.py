@@ -78,7 +78,7 @@ class Fit:
     def std_given(self, name: str, others: Sequence[str]) -> float:
         """The standard deviation if the others were known: a strength may be sure where its exponent is not."""
         at = [self.index(one) for one in (name, *others)]
-        stds = np.sqrt(np.diag(self.covariance)[at])
+        stds = np.sqrt(np.maximum(np.diag(self.covariance)[at], 0.0))
         if not (stds > 0).all():
             return self.std(name)
         correlation = self.covariance[np.ix_(at, at)] / np.outer(stds, stds)
