@@ -422,7 +422,7 @@ def deviations(
     -----
     z is the difference over its standard uncertainty.  The two differ if abs(z) exceeds the coverage factor of
     Student's t with the effective degrees of freedom, "probably" below the factor of `SURE`.  Those that do not differ
-    agree if the 95 % interval of the deviation lies within `UNINFORMATIVE`.
+    agree if that interval is not wider than `UNINFORMATIVE` and they would not differ with many degrees of freedom.
 
     References
     ----------
@@ -726,7 +726,8 @@ def _verdict(
     half = (span if math.isfinite(span) else 2.0) * (0.0 if percent is None else percent[1])  # [%]
     # relative to an uncertain value the interval of a large deviation may exclude zero where z does not exceed its span
     within = percent is None or abs(percent[0]) <= half
-    if within and half <= UNINFORMATIVE and (abs(z) < 2 or math.isfinite(span)):
+    # where only the few degrees of freedom keep a difference from being significant, it may be real
+    if within and half <= UNINFORMATIVE and abs(z) < 2:
         return "agrees"
     # what more repetitions would leave
     if percent is None or abs(z) >= 2:

@@ -7,7 +7,7 @@ repetition gave.  All three print as the JSON documents that `rigtwin measure --
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from operator import is_
 from pathlib import Path
@@ -271,6 +271,11 @@ class Readable:
         """What it is of, in a few words."""
         return f"a {self.rig}"
 
+    @property
+    def _left_out(self) -> str:
+        """Why some quantities are not there, as the end of a sentence."""
+        return ""
+
     def quantity(self, name: str, method: str | None = None, **detail: Detail) -> Quantity:
         """Return the one quantity of that name.
 
@@ -308,9 +313,14 @@ class Readable:
         ]
         if len(found) == 1:
             return found[0]
-        candidates = found or self.quantities
-        there = "; ".join(dict.fromkeys(_label(each) for each in candidates)) or "nothing"
-        what = "is not among the quantities" if not found else "is meant by several quantities"
+        named = [each for each in self.quantities if each.quantity == name]
+        if found:
+            what = "is meant by several quantities"
+        elif named:
+            what = _unfitting(named, detail if method is None else {"method": method, **detail})
+        else:
+            what = f"is not among the quantities{self._left_out}"
+        there = "; ".join(dict.fromkeys(_label(each) for each in found or named or self.quantities)) or "nothing"
         raise BadInput(f"{name}: {what}; there are {there}.")
 
     def value(self, name: str, method: str | None = None, **detail: Detail) -> float:
@@ -369,6 +379,21 @@ class Readable:
         )
 
 
+def _unfitting(named: Sequence[Quantity], wanted: Mapping[str, Detail]) -> str:
+    """Which of the wanted details none of the quantities of a name has, and what they have instead."""
+    faults = []
+    for key, value in wanted.items():
+        details = ({"method": each.method, **each.detail} for each in named)
+        there = dict.fromkeys(each[key] for each in details if key in each)
+        if not there:
+            faults.append(f"none has a {key}")
+        elif value not in there:
+            faults.append(f"none has {key}={value!r}, but {' or '.join(map(repr, there))}")
+    if not faults:
+        faults = [f"none has {' and '.join(f'{key}={value!r}' for key, value in wanted.items())}"]
+    return "; ".join(faults)
+
+
 def _label(quantity: Quantity) -> str:
     """`name (method, bounce=1)`."""
     said = [quantity.method]
@@ -412,6 +437,12 @@ class Measurement(Readable):
     @property
     def _subject(self) -> str:
         return f"{super()._subject}, {self.source.name}"
+
+    @property
+    def _left_out(self) -> str:
+        without = "scale_m_per_px" in self.camera and self.camera["scale_m_per_px"] is None
+        lengths = any(each.unit == "m" for each in self.quantities)
+        return ", which have no lengths as no scale is known" if without and not lengths else ""
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin measure --json`."""

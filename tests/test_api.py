@@ -47,8 +47,16 @@ def test_value_and_table_hold_the_same_number(drop):
 def test_a_value_that_several_quantities_have_is_refused_with_what_there_is(drop):
     with pytest.raises(BadInput, match=r"several quantities; there are restitution_wall \(height, bounce=1\)"):
         drop.value("restitution_wall")
-    with pytest.raises(BadInput, match="is not among the quantities"):
+    with pytest.raises(BadInput, match="is not among the quantities; there are"):
         drop.value("bed_height")
+    with pytest.raises(BadInput, match=r"^drop_height: none has a side; there are drop_height \(height\)\.$"):
+        drop.value("drop_height", side="middle")
+    with pytest.raises(
+        BadInput, match=r"none has bounce=9, but 1 or 2.*; there are restitution_wall \(height, bounce=1\)"
+    ):
+        drop.value("restitution_wall", bounce=9)
+    with pytest.raises(BadInput, match="none has method='hight', but 'height' or 'velocity'"):
+        drop.value("restitution_wall", "hight", bounce=1)
 
 
 def test_a_plot_shows_the_track(drop):

@@ -529,6 +529,13 @@ def test_an_interrupt_ends_with_code_130(monkeypatch, capfd):
     assert json.loads(capfd.readouterr().out)["error"]["type"] == "interrupted"
 
 
+def test_an_interrupt_while_modules_load_ends_with_code_130_and_no_traceback(tmp_path):
+    (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n")
+    begin = f"import rigtwin.__main__, sys; sys.path.insert(0, {str(tmp_path)!r}); rigtwin.__main__.main()"
+    ended = subprocess.run([sys.executable, "-c", begin], capture_output=True, text=True, timeout=60, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
 def test_an_interrupted_twin_says_what_is_kept_and_the_next_run_where_it_goes_on(monkeypatch, capfd):
     stop = KeyboardInterrupt()
     stop.add_note("the run is kept up to t = 0.25 s in heap.npz; the same command goes on from there.")

@@ -184,7 +184,10 @@ def lab_setting(folder: Path, only: str | None, *, allow_outside: bool = False) 
     experiment = known[only] if only is not None else lab.experiments[0]
     entry = entry_of(experiment)
     if entry.needs_measurement(experiment) and not entry.many_particles:
-        raise BadInput(f"{experiment.id}: its twin starts from the measurement; state the start in lab.toml.")
+        keys = entry.keys_to_state(experiment)
+        alone = f"sweep the rig by itself: rigtwin sweep {experiment.rig_name} --set ..."
+        advice = f"state {' and '.join(keys)} in lab.toml" if keys else alone
+        raise BadInput(f"{experiment.id}: its twin starts from the measurement; {advice}.")
     return lab, Setting(experiment, lab.model)
 
 

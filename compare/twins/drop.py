@@ -193,9 +193,15 @@ class DropEntry(FewBodyEntry[DropSettings]):
     def stated_start(self, experiment: Experiment) -> float | None:
         return self.rig(experiment).drop_height  # [m]
 
+    def keys_to_state(self, experiment: Experiment) -> list[str]:
+        values = {
+            "drop_height": self.stated_start(experiment),
+            "frame_rate of [experiments.camera]": experiment.camera.frame_rate,
+        }
+        return [key for key, value in values.items() if value is None]
+
     def needs_measurement(self, experiment: Experiment) -> bool:
-        stated = self.stated_start(experiment) is not None and experiment.camera.frame_rate is not None
-        return super().needs_measurement(experiment) and not stated
+        return super().needs_measurement(experiment) and bool(self.keys_to_state(experiment))
 
     def check_trial(self, experiment: Experiment, contact: Contact, frame_rate: float) -> None:
         from rigtwin.sim import drop

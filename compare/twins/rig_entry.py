@@ -251,6 +251,21 @@ class RigEntry(ABC, Generic[Settings]):
         """
         return ()
 
+    def keys_to_state(self, experiment: Experiment) -> list[str]:
+        """Return the keys of lab.toml without which the twin of a rig of few bodies needs the measurement.
+
+        Parameters
+        ----------
+        experiment : Experiment
+            Experiment that the twin belongs to.
+
+        Returns
+        -------
+        list of str
+            Those that are not stated; empty where none is missing, or stating them is not enough.
+        """
+        return []
+
     def needs_measurement(self, experiment: Experiment) -> bool:
         """Return whether the twin takes its start, frame rate or duration from the measurement.
 

@@ -361,7 +361,7 @@ def factor(table: Table, column: Column, dimension: str) -> float:
     except BadQuantity:
         raise BadInput(
             f"{table.path}: the column {column.name!r} is in {column.unit!r}, which is no unit of {dimension}; "
-            "state it with --columns, like 't=time[ms]'."
+            "state it with --columns 't=time[ms]'."
         ) from None
 
 

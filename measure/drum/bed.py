@@ -151,10 +151,15 @@ def follow_bed(video: Video, camera: Camera, *, bead_share: float | None, progre
     bead = (bead_share or USUAL_SHARE) * 2 * rim.radius
     looks = _learn(samples, motion, rim, bead)
     if looks is None:
+        advice = "give a clip in which the drum turns, or state its inner rim with --circle cx,cy,r"
+        if bead_share and _learn(samples, motion, rim, USUAL_SHARE * 2 * rim.radius) is not None:
+            advice = (
+                f"with beads of {100 * USUAL_SHARE:.0f} % of the drum's diameter it does, by the stated sizes they are "
+                f"{100 * bead_share:.0f} %: check --drum-diameter and --bead-diameter"
+            )
         raise NothingToMeasure(
             f"{video.path}: what changes between the frames inside {circle_of(rim, lens)} does not divide into a "
-            "moving bed and a part that stays as it is; give a clip in which the drum turns, or state its inner rim "
-            "with --circle cx,cy,r.",
+            f"moving bed and a part that stays as it is; {advice}.",
             Seen(marks=rim_seen_at(rim, lens)),
         )
     outlines = []

@@ -22,16 +22,19 @@ def roll_check(given: float, seen: float, sigma: float, witness: str) -> Check:
 
     `witness` names the object that shows the roll, with its verb.
     """
-    passed = abs(given - seen) < max(3 * sigma, STATED_TO)
+    within = max(3 * sigma, STATED_TO)
+    passed = abs(given - seen) < within
     message = (
         f"a camera roll of {math.degrees(given):+.2f} degrees was given, {witness} "
         f"{math.degrees(seen):+.2f} ± {math.degrees(sigma):.2f}"
     )
+    turned = abs(-given - seen) < within
+    wrong = "the sign may be wrong (positive when the scene looks rotated clockwise)" if turned else "it may be wrong"
     ending = (
         "."
         if passed
-        else ": the sign may be wrong (positive when the scene looks rotated clockwise), or that object is not level. "
-        "Check it with a spirit level; if it is level, leave out --camera-roll."
+        else f": {wrong}, or that object is not level. Check it with a spirit level; if it is level, leave out "
+        "--camera-roll."
     )
     return Check("camera_roll", passed, math.degrees(given), math.degrees(seen), message + ending)
 

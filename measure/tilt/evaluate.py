@@ -59,7 +59,7 @@ RESTS_ON = {
     "rolling_friction": BEHIND_ALL | ANGLES_ON,
     "rolling_friction_angle": BEHIND_ALL | ANGLES_ON,
     "onset_time": BEHIND_ALL | {"gravity", "frame_timing", "compression"},
-    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing"} | ANGLES_ON,
+    "kinetic_friction": BEHIND_ALL | {"gravity", "frame_timing", "bead_size"} | ANGLES_ON,
 }
 
 

@@ -7,12 +7,13 @@ import math
 import numpy as np
 
 from rigtwin.lab.quantity import Check
+from rigtwin.measure.bulk.checks import size_seen
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.time_base import UNSTEADY
 from rigtwin.measure.media.video import Video
 from rigtwin.measure.tilt.body_track import FEWEST, RestingBody
 from rigtwin.measure.tilt.checks import BEGIN_EARLIER
-from rigtwin.measure.tilt.observe import Film, Gauge
+from rigtwin.measure.tilt.observe import BEAD_UNCERTAINTY, Film, Gauge
 from rigtwin.measure.tilt.onset import (
     Onset,
     Variant,
@@ -29,6 +30,15 @@ def shape_check(body: RestingBody, variant: Variant) -> Check:
     passed = variant == "slide" or ratio < CLUMP
     ending = "." if passed else ": it is no single bead, so that it slides; give --variant slide."
     return Check("shape", passed, ratio, 1.0, f"the body is {ratio:.1f} times as long as high{ending}")
+
+
+def size_check(film: Film, gauge: Gauge, bead_diameter: float | None) -> tuple[Check, ...]:
+    """Whether the body is as high as the stated bead; none where its size gives the scale, or there is no scale."""
+    if bead_diameter is None or gauge.source == "bead diameter":
+        return ()
+    most = 3 * math.hypot(BEAD_UNCERTAINTY, gauge.uncertainty)
+    source = "--arm-length" if gauge.source == "arm length" else gauge.source
+    return (size_seen(film.body.size[1] * gauge.scale, bead_diameter, most, source),)
 
 
 def portrait_check(film: Film, onset: Onset) -> tuple[Check, ...]:

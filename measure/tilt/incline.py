@@ -28,7 +28,7 @@ STEADY = 4.0  # scatter about the parabola over the noise beyond which the accel
 TRACKED = 2e-3  # error of a track relative to its length: lighting and pixels change along the way
 
 RESTS_ON = {"arm_in_view", "shape", "static_camera", "level", "camera_roll"}
-FRICTION_RESTS_ON = RESTS_ON | {"constant_acceleration", "gravity", "compression"}
+FRICTION_RESTS_ON = RESTS_ON | {"constant_acceleration", "gravity", "compression", "bead_size"}
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,14 @@ from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.scene.checks import camera_by_scene
 from rigtwin.measure.tilt.evaluate import check_variant, evaluate_run, judged_quantities, onset_of, way_down
 from rigtwin.measure.tilt.figures import picture_marks, write_pictures
-from rigtwin.measure.tilt.film_checks import arm_check, level_check, portrait_check, shape_check, view_checks
+from rigtwin.measure.tilt.film_checks import (
+    arm_check,
+    level_check,
+    portrait_check,
+    shape_check,
+    size_check,
+    view_checks,
+)
 from rigtwin.measure.tilt.incline import at_rest, descent_of, evaluate_descent, judged_of_incline
 from rigtwin.measure.tilt.measure_table import measure_table
 from rigtwin.measure.tilt.observe import (
@@ -116,6 +123,9 @@ def measure(
     video = at_its_pace(open_video(clip, camera), progress)
     film = observe_film(video, camera, progress)
     gauge = gauge_of(film, camera, bead_diameter, arm_length)
+    sizes = size_check(film, gauge, bead_diameter)
+    if any(not check.passed for check in sizes):  # limits of drift and creep are those of the body as it is seen
+        bead_diameter = film.body.size[1] * gauge.scale
 
     def read(film: Film, gauge: Gauge) -> tuple[Series, Track, Way, Run, Onset]:
         """Return the record of the film at this scale, and the run and onset in it."""
@@ -144,6 +154,7 @@ def measure(
     still = camera_by_scene(film.poses)
     of_film = (
         shape_check(film.body, variant),
+        *sizes,
         *(portrait_check(film, onset) if resting is None else ()),
         *(view_checks(film, gauge, video, onset) if resting is None else (arm_check(film), level_check(film, gauge))),
         compression_check(video, OVER_COMPRESSED),

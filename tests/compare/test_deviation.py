@@ -239,6 +239,17 @@ def test_a_deviation_whose_interval_excludes_zero_does_not_agree():
     assert row.verdict == "too few repetitions to tell"
 
 
+def test_a_large_z_that_only_few_degrees_of_freedom_keep_from_being_significant_does_not_agree():
+    def row(simulated):  # the pair of a double pendulum in a newcomer's lab
+        known = Scatter(0.025, 1.3, "published")
+        return compared([quantity(0.613, 0.002)], [quantity(simulated, 1e-4)], scatter=lambda _name: known)[0]
+
+    far, near = row(0.720), row(0.630)
+    assert 3 < far.z < far.coverage_factor
+    assert abs(far.percent_deviation) < far.coverage_factor * far.percent_deviation_std < 25
+    assert (far.verdict, near.verdict) == ("too few repetitions to tell", "agrees")
+
+
 def test_one_repetition_shows_that_a_rig_is_not_set_as_stated():
     height = [quantity(value, 0.001, "drop_height", "m", "fit") for value in (0.30, 0.32)]
     row = compared(height[:1], height[1:], set_from={"drop_height": "stated"})[0]

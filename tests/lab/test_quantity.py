@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rigtwin.lab.errors import rename_options
+from rigtwin.lab.errors import BadInput, rename_options
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, reworded, root_sum_of_squares
 
 # numbers below 1e-308 are zero wherever a library has set the processor to flush them
@@ -108,3 +108,13 @@ def test_a_result_is_reworded_wherever_its_texts_stand_and_is_not_copied_elsewhe
     assert files == {"report": Path("--base.html")}
     assert new.heights is run.heights
     assert reworded(new, lambda text: text) is new
+
+
+def test_without_a_scale_a_missing_length_is_refused_with_that_reason():
+    angle = Quantity("angle_of_repose_graphical", 25.0, 0.3, "deg", "line", detail={"side": "left"})
+    other = Quantity("angle_of_repose_graphical", 26.0, 0.3, "deg", "arc", detail={"side": "right"})
+    heap = Measurement("pile", Path("pile.jpg"), "", (angle, other), camera={"scale_m_per_px": None})
+    with pytest.raises(BadInput, match="which have no lengths as no scale is known; there are angle_of_repose"):
+        heap.value("pile_height")
+    with pytest.raises(BadInput, match="graphical: none has method='arc' and side='left'; there are angle_of_repose"):
+        heap.value("angle_of_repose_graphical", "arc", side="left")

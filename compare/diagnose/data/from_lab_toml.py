@@ -24,6 +24,7 @@ from rigtwin.compare.measure_repetitions import Failure, measure_repetition
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
+from rigtwin.lab.file.option_names import naming_lab_keys
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement
@@ -147,7 +148,10 @@ def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -
     """One repetition in the axes of a lab.json."""
     if is_table(views[0]):
         camera, direction = experiment.camera_of(views[0]), by_fall if rig == "drop" else by_swing
-        with unquoted(views[0], outside=views[0] in experiment.outside):
+        with (
+            naming_lab_keys(experiment.rig_name, experiment.particle_place),
+            unquoted(views[0], outside=views[0] in experiment.outside),
+        ):
             found = read_bodies(
                 views[0],
                 experiment.table,

@@ -25,7 +25,7 @@ from rigtwin.compare.diagnose.data.tracked_lab import (
     other_rates,
 )
 from rigtwin.lab.checksums import copies
-from rigtwin.lab.errors import BadLabFile
+from rigtwin.lab.errors import BadLabFile, reworded_refusals
 from rigtwin.lab.input_files import LARGEST_NOTES, OUTSIDE, lies_outside, read_bytes, unquoted, why_not_ordinary
 from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.media_files import kind_of
@@ -74,6 +74,12 @@ FEWEST_ROWS = 10  # of a track: a path has up to 4 unknowns of its own in each o
 MOST_REPETITIONS = 10_000  # of one condition; a count that was meant to be smaller
 
 PLACEHOLDER = re.compile(r"(?:[^%]|%%)*%(?:0?[1-9])?d(?:[^%]|%%)*", re.DOTALL)  # one number of at most nine digits
+
+INSTEAD = {  # options that a refusal of a table names, and what states the same in the table of a lab.json
+    r"--columns '[^']+'": "the first line of the file, such as time_s,x_m,y_m",
+    r"--frame-rate\b": "a column time_s",
+    r"--scale\b": "columns x_m and y_m in metres",
+}
 
 LARGEST = 1e300  # largest accepted magnitude of any number, near the limit of a float
 
@@ -295,7 +301,7 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str, allo
         outside = lies_outside(file.parent / one, file.parent)
         if outside and not allow_outside:
             raise BadLabFile(f"{file}: condition {name}: files: {file.parent / one} {OUTSIDE}")
-        with unquoted(file.parent / one, outside=outside):
+        with reworded_refusals(_in_the_table), unquoted(file.parent / one, outside=outside):
             repetition = read_tracks(file.parent / one)
         _check(repetition, file.parent / one, rig)
         tracks.append(on_the_bench(rig, repetition))
@@ -307,6 +313,13 @@ def _condition(document: Mapping[str, Any], raw: Any, file: Path, rig: str, allo
             )
     wall = str(raw.get("wall", ""))
     return Condition(name, bead, "" if wall.lower() == "none" else wall, settings, tuple(tracks), tuple(files))
+
+
+def _in_the_table(text: str) -> str:
+    """A refusal of a table with what to change in it: a lab.json has no keys for what such options state."""
+    for option, instead in INSTEAD.items():
+        text = re.sub(option, instead, text)
+    return text
 
 
 def _check(repetition: tuple[Track, ...], path: Path, rig: str) -> None:

@@ -1,6 +1,7 @@
 """Sweeps: parameters by name, designs, tables, figures, and the measured value beside the twins."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from rigtwin.cli import run
 from rigtwin.commands.sweep import show
 from rigtwin.compare.campaign.campaign import run_all
-from rigtwin.compare.campaign.sweep import Sweep, stated_setting
+from rigtwin.compare.campaign.sweep import Sweep, lab_setting, stated_setting
 from rigtwin.compare.campaign.sweep_figures import figures
 from rigtwin.compare.campaign.twin_runs import quantities_of, twin_from, twin_run
 from rigtwin.compare.campaign.vary import at, parse, points
@@ -52,6 +53,29 @@ def test_a_twin_as_a_run_gives_what_the_twin_itself_gives(rig, stated, tmp_path)
             np.testing.assert_array_equal(getattr(mine, name), value)
     assert same.assumptions == twin.assumptions
     assert len(same.profiles[0].x) > 10
+
+
+@pytest.mark.parametrize(
+    ("entries", "advice"),
+    [
+        ('rig = "drop"', "state drop_height and frame_rate of [experiments.camera] in lab.toml."),
+        ('rig = "drop"\ndrop_height = "25 cm"', "state frame_rate of [experiments.camera] in lab.toml."),
+        ('rig = "drop"\ndrop_height = "25 cm"\ncamera.frame_rate = "240 Hz"', ""),
+        (
+            'rig = "pendulum"\nvariant = "wall"\nlength = "20 cm"\nrelease_angle = "40 deg"',
+            "sweep the rig by itself: rigtwin sweep pendulum --set ...",
+        ),
+    ],
+)
+def test_a_twin_that_needs_its_measurement_is_refused_with_what_would_free_it(tmp_path, entries, advice):
+    (tmp_path / "r.mp4").write_bytes(b"film")
+    text = f'[[experiments]]\nid = "it"\n{entries}\nparticle = "D6"\nwall = "steel"\nrepetitions = ["r.mp4"]\n'
+    (tmp_path / "lab.toml").write_text(f'[lab]\ntitle = "one"\n{text}')
+    if not advice:
+        assert lab_setting(tmp_path, "it")[1].experiment.id == "it"
+        return
+    with pytest.raises(BadInput, match=f"starts from the measurement; {re.escape(advice)}"):
+        lab_setting(tmp_path, "it")
 
 
 def test_each_setting_that_decides_a_twin_makes_another_run(bed):

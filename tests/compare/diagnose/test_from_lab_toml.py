@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from rigtwin.cli import app, run
 from rigtwin.compare.diagnose.data.axis_checks import check_axes
 from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
+from rigtwin.lab.errors import BadInput
 
 G, RADIUS, NOISE, RATE = 9.81, 0.003, 1e-4, 120
 ROLLING, STATIC = 0.02, 0.40
@@ -136,6 +137,16 @@ def test_a_lab_of_one_heap_is_refused_in_a_sentence(tmp_path, capsys):
 def test_a_motion_that_the_model_does_not_have_is_refused_in_a_sentence(tmp_path, capsys, variant, draw, setting, says):
     assert run(["diagnose", str(write_lab(tmp_path, variant, draw, {"one": setting}))]) == 2
     assert says in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_table_without_its_columns_is_refused_by_the_key_of_lab_toml(tmp_path):
+    files = [f"odd{number}.csv" for number in range(5)]
+    for number, file in enumerate(files):
+        (tmp_path / file).write_text("foo,bar\n" + f"1,{number}\n" * 20)
+    drop = '[[experiments]]\nid = "d"\nrig = "drop"\nparticle = "bead"\nwall = "plate"\n'
+    (tmp_path / "lab.toml").write_text(f"{HEAD}{drop}repetitions = {files}\n")
+    with pytest.raises(BadInput, match=r"name it with columns '.=NAME"):
+        tracked_lab(tmp_path)
 
 
 def filmed(folder, films):

@@ -211,6 +211,21 @@ def test_a_baseline_without_a_finite_misfit_is_refused(drops, monkeypatch):
         diagnose(read_tracked_lab(drops))
 
 
+@pytest.mark.parametrize(
+    ("header", "advice"),
+    [
+        ("foo,bar,baz", r"name it with the first line of the file, such as time_s,x_m,y_m\.$"),
+        ("frame,x_m,y_m", r"there is no column for time; give a column time_s\.$"),
+        ("time_kg,x_m,y_m", r"state it with the first line of the file, such as time_s,x_m,y_m\.$"),
+    ],
+)
+def test_a_table_without_its_columns_is_refused_with_what_to_write_into_it(drops, header, advice):
+    table = drops / "c" / "rep01.csv"
+    table.write_text("\n".join([header, *table.read_text().split("\n")[1:]]))
+    with pytest.raises(BadInput, match=advice):
+        read_tracked_lab(drops)
+
+
 def test_null_means_not_measured(drops):
     change(drops, {
         "gravity_m_s2": None, "rig_geometry": None,

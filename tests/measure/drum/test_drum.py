@@ -546,6 +546,14 @@ def test_beads_that_are_not_as_large_as_stated_make_the_angles_doubtful(
     assert all((check.message[:-1] in one.doubtful) == (size != 1) for one in found.quantities)
 
 
+def test_a_drum_stated_ten_times_too_small_is_named_where_the_bed_is_not_found_for_that_reason(tmp_path: Path) -> None:
+    film(tmp_path / "drum.mp4", 20.0)
+    with pytest.raises(BadInput, match=r"they are 40 %: check --drum-diameter and --bead-diameter\.$"):
+        drum_measurement.measure(
+            tmp_path / "drum.mp4", Camera(frame_rate=30.0), drum_diameter=0.015, bead_diameter=0.006
+        )
+
+
 def test_beads_whose_distance_differs_from_frame_to_frame_are_not_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rigtwin.measure.geometry.camera_roll import upright
+from rigtwin.measure.geometry.camera_roll import roll_check, upright
 
 SIZE = (560, 480)  # [px], width and height
 STAND = np.arange(SIZE[1])[:, None] + np.zeros(SIZE[0]) > 380
@@ -41,3 +41,11 @@ def test_edges_that_disagree_increase_the_uncertainty_of_the_roll() -> None:
     assert math.degrees(agreeing.roll) == pytest.approx(1.4, abs=0.15)
     assert math.degrees(agreeing.sigma) < 0.5
     assert math.degrees(torn.sigma) > 0.6
+
+
+@pytest.mark.parametrize(("given", "seen", "sign"), [(-1.5, 1.4, True), (-1.5, 0.02, False), (20, 0.02, False)])
+def test_a_wrong_sign_is_named_only_where_it_explains_the_difference(given: float, seen: float, sign: bool) -> None:
+    check = roll_check(math.radians(given), math.radians(seen), math.radians(0.1), "the base line shows")
+    assert not check.passed
+    assert ("the sign may be wrong" in check.message) == sign
+    assert "spirit level" in check.message

@@ -401,6 +401,22 @@ def test_a_drawn_clip_gives_the_true_onset(request, variant, angle, roll):
         assert Path(path).stat().st_size > 0
 
 
+@pytest.mark.parametrize(("arm", "times"), [(0.15, 1.0), (1.5, 10.0)])
+def test_an_arm_and_a_bead_that_contradict_each_other_are_both_named(sliding, arm, times):
+    film = sliding.source
+    result = tilt_measurement.measure(
+        film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012, arm_length=arm
+    )
+    size = next(check for check in result.checks if check.check == "bead_size")
+    assert size.passed == (times == 1)
+    assert size.value == pytest.approx(times, rel=0.2)
+    angle, kinetic = pick(result, "static_friction_angle"), pick(result, "kinetic_friction")
+    assert angle.value == pytest.approx(pick(sliding, "static_friction_angle").value, abs=0.15)
+    # the angle needs no scale, and limits in bead diameters are those of the bead as it is seen
+    assert not angle.doubtful
+    assert ("--bead-diameter" in kinetic.doubtful and "--arm-length" in kinetic.doubtful) == (times > 1)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("variant", "post"), [("slide", 335), pytest.param("roll", 330, marks=pytest.mark.slow)])
 def test_a_post_in_front_of_the_plate_is_not_taken_for_the_body(tmp_path, variant, post):
