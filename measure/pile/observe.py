@@ -50,9 +50,8 @@ BEAD_UNCERTAINTY = 0.06  # relative standard uncertainty of a scale from beads
 
 STEEPEST_VIEW = 10.0  # [deg], of the line of sight; measured angles are 1 degree too steep from 12, 2 degrees from 20
 
-LEAST_RIM = (
-    0.5  # clearness of the lower rim of the base: 0.6 to 1 in 22 photos with right base lines, 0.3 where one was wrong
-)
+# clearness of the lower rim of the base: 0.6 to 1 in 22 photos with right base lines, 0.3 where one was wrong
+LEAST_RIM = 0.5
 
 UNSURE = 0.2  # share of the outline that another threshold moves by more than a bead radius
 

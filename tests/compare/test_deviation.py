@@ -240,7 +240,7 @@ def test_a_deviation_whose_interval_excludes_zero_does_not_agree():
 
 
 def test_a_large_z_that_only_few_degrees_of_freedom_keep_from_being_significant_does_not_agree():
-    def row(simulated):  # the pair of a double pendulum in a newcomer's lab
+    def row(simulated):  # the pair of a double pendulum of which two films show little scatter
         known = Scatter(0.025, 1.3, "published")
         return compared([quantity(0.613, 0.002)], [quantity(simulated, 1e-4)], scatter=lambda _name: known)[0]
 
