@@ -19,12 +19,36 @@ from rigtwin.measure.geometry.lines import at, straight
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
 BELOW = (0.7, 4.0)  # [bead radii] below the outline: objects behind the cylinder end at the outline
 GRAINS = 0.5  # least mean probability of grains there
+STRIP = (0.05, 0.1)  # least height and largest width of a strip of glare on glass, as shares of the picture's sides
+STRIP_EDGE = 3  # [px], by which a strip of glare is brighter than its surroundings beyond its saturated pixels
 USUAL_LEVEL = 2.0  # [bead radii], largest distance of a settled surface from the straight line through it
 
 
 def glare_in(image: Image) -> Mask:
     """Saturated pixels of a BGR photo, shape (height, width)."""
     return np.asarray(image.min(axis=2) >= SATURATED)
+
+
+def without_strips(image: Image, glare: Mask) -> Image:
+    """The photo with every upright strip of glare replaced by the mirrored pixels on its left and right.
+
+    A lamp's reflection in a cylinder is a narrow strip that ends in the picture; a bright background is wide.
+    """
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(glare.astype(np.uint8), connectivity=8)
+    if count == 1:
+        return image
+    rows, columns = glare.shape
+    left, top, width, height = stats[:, :4].T
+    inside = (left > 0) & (top > 0) & (left + width < columns) & (top + height < rows)
+    strips = inside & (height > STRIP[0] * rows) & (width < STRIP[1] * columns)
+    strips[0] = False
+    strip = cv2.dilate(strips[labels].astype(np.uint8), np.ones((1, 2 * STRIP_EDGE + 1), np.uint8)) > 0
+    place = np.arange(columns)
+    before = np.maximum.accumulate(np.where(strip, -1, place), axis=1)
+    after = np.minimum.accumulate(np.where(strip, columns, place)[:, ::-1], axis=1)[:, ::-1]
+    nearer_left = place - before <= after - place
+    mirrored = np.clip(np.where(nearer_left, 2 * before + 1 - place, 2 * after - 1 - place), 0, columns - 1)
+    return np.take_along_axis(image, np.where(strip, mirrored, place)[..., None], axis=1)
 
 
 def covered_columns(found: Silhouette, alike: FloatImage, glare: Mask, inside: Mask) -> Mask:

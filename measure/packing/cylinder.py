@@ -15,7 +15,7 @@ from rigtwin.lab.camera import FOCAL_LENGTH, FOCAL_UNCERTAINTY, STATED_SIGMA, Li
 from rigtwin.lab.errors import Mark
 from rigtwin.measure.bulk.beads import Beads, edges, find_beads, more_beads, rim_radius
 from rigtwin.measure.bulk.grain_classes import Grain, grain_classes
-from rigtwin.measure.bulk.hidden_surface import covered_columns, glare_in
+from rigtwin.measure.bulk.hidden_surface import covered_columns, glare_in, without_strips
 from rigtwin.measure.bulk.outline import Silhouette, View
 from rigtwin.measure.bulk.outline_above import surface_between
 from rigtwin.measure.geometry.horizon import Level, level_of
@@ -218,7 +218,7 @@ def find_bed(
     stated = (stated or Stated()).zoomed(zoom)
     region = None if region is None else (region[0] * zoom, region[1] * zoom, region[2] * zoom, region[3] * zoom)
     ratio = cylinder / bead if cylinder and bead else None
-    classes = grain_classes(image)
+    classes = grain_classes(without_strips(image, glare))
     alike = np.ascontiguousarray(classes[..., Grain.GRAINS])
     beads = _beads(alike, grey, region, stated, ratio)
     count = 0 if beads is None else len(beads.centre)

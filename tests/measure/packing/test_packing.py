@@ -426,6 +426,18 @@ def test_a_rod_before_the_middle_of_the_bed_leaves_its_height(tmp_path):
     assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
 
 
+@pytest.mark.parametrize("left", [-17, -12, 6])
+def test_a_strip_of_glare_on_the_glass_does_not_divide_the_bed(tmp_path, left):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    picture = cv2.imread(str(photo))
+    corners = [(round(200 + PIXEL * x), round(540 - PIXEL * h)) for x, h in ((left, 105), (left + 8, 6))]
+    cv2.rectangle(picture, *corners, (255, 255, 255), cv2.FILLED)
+    cv2.imwrite(str(photo), picture)
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    assert pick(result, "bed_height", "outline").value == pytest.approx(truth, abs=0.0012)
+
+
 @pytest.mark.parametrize(
     ("cylinder", "bead"), [(1.06, 1.0), pytest.param(0.9, 1.0, marks=pytest.mark.slow), (1.0, 1.3), (1.0, 0.75)]
 )
