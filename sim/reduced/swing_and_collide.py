@@ -69,10 +69,8 @@ def swing_and_hit(
     # extreme parameters of a fit would need an unlimited number of steps; their prediction is rejected later
     limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
     for _ in range(limit):
-        hit_once = np.where(count > 0, 1.0, 0.0)  # before the first impact the second bob is at rest
-
-        def second(angle: Array, rate: Array, mobile: Array = hit_once) -> Array:
-            return mobile * push[1](angle, rate)
+        mobile = np.where(count > 0, 1.0, 0.0)  # before the first impact the second bob is at rest
+        second: Push = partial(_once_hit, push[1], mobile) if mobile.any() else _at_rest
 
         if mutual is None:
             on = partial(_both, _dry if dry else runge_kutta, (push[0], second), a, b, u, v)
@@ -107,6 +105,14 @@ def swing_and_hit(
         columns[0], columns[1], (columns[2], columns[3]), (columns[4], columns[5]),
         (columns[6], columns[7]), (columns[8], columns[9]), speeds,
     )  # fmt: skip
+
+
+def _at_rest(angle: Array, _rate: Array) -> Array:
+    return np.zeros_like(angle)
+
+
+def _once_hit(push: Push, mobile: Array, angle: Array, rate: Array) -> Array:
+    return np.asarray(mobile * push(angle, rate))
 
 
 def _both(

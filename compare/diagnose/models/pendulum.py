@@ -185,12 +185,9 @@ def pushing(
         sine = np.sin(angle)
         cosine = np.cos(angle)
         moment = -weight * sine
-        reach, growth, softening = length, np.zeros_like(rate), np.zeros_like(rate)
         if lengthens:  # a thread of changing length r: r theta'' = -g sin(theta) - 2 r' theta'
             longer = stretch * (gravity * (cosine - 1.0) + length * rate**2) + creep * since
             reach = np.maximum(length + longer, LEAST_REACH * length)
-            growth = creep - stretch * gravity * sine * rate  # and 2 stretch length theta' theta'' of r', to the left
-            softening = 4.0 * stretch * length * rate**2
             moment = moment * length / reach
         for term, own in acting:
             if term.force is not None:
@@ -201,6 +198,11 @@ def pushing(
             if term.drive is not None:
                 along = term.drive(release + since, length * angle, length * rate, *own)
                 moment = moment + mass * length * along
-        return np.asarray((moment / inertia - 2.0 * growth * rate / reach) / (1.0 + softening / reach))
+        acceleration = np.asarray(moment / inertia)
+        if not lengthens:
+            return acceleration
+        growth = creep - stretch * gravity * sine * rate  # and 2 stretch length theta' theta'' of r', to the left
+        softening = 4.0 * stretch * length * rate**2
+        return np.asarray((acceleration - 2.0 * growth * rate / reach) / (1.0 + softening / reach))
 
     return push, np.sqrt(pull)

@@ -188,13 +188,17 @@ class _Search:
         self.done[frozenset(near_names(fitted))] = Candidate(fitted.terms, fitted, self._gain(fitted), reason, rough)
 
     def _gain(self, fitted: Fit) -> float:
-        """Gain of a fit over the baseline; for a fit to part of the data extrapolated to all data."""
-        plain = self.base
-        if self.is_part(fitted):
-            assert self.rough is not None
-            plain = self.rough[1]
-        gain = (plain.deviance - fitted.deviance) * len(self.base.residual) / len(plain.residual)
-        return gain / self.spread + self._spared(fitted)
+        """Gain of a fit over the baseline; that of a fit to part of the data is extrapolated to all data.
+
+        It closes the same share of the baseline's gap there.
+        """
+        if not self.is_part(fitted):
+            return (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
+        assert self.rough is not None
+        plain = self.rough[1]
+        gaps = [one.chi2 - one.residual.size for one in (self.base, plain)]
+        more = gaps[0] / gaps[1] if gaps[1] > 0 else len(self.base.residual) / len(plain.residual)
+        return (plain.deviance - fitted.deviance) * more / self.spread + self._spared(fitted)
 
     def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
         """The candidates, with the leading ones fitted to convergence on all data."""
