@@ -37,6 +37,7 @@ SLOWEST = 1e-3  # [m/s], least speed after an impact; the bead rises by less tha
 SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
 # [1], [m]: largest usual scatter, of a camera that is set up anew for each drop, some 20 times that of one at rest
 USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3
+UNUSUAL = 5.0  # times the usual scatter: a larger one is no repetition of the same experiment
 LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted scatter, below what a track resolves
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
@@ -123,7 +124,8 @@ class DropBench:
         self.scatter = np.concatenate([bounce, kick, set_up], axis=1)
         self.scatter_start = np.array([*([0.02] * pairs), SCALE, HEIGHT, 0.02])
         self.scatter_least = np.array([*([LEAST_SCATTER] * pairs), LEAST_SCALE, LEAST_HEIGHT, LEAST_SCATTER])
-        self.scatter_most = np.array([*([np.inf] * (pairs + 2)), named("odd_shape").parameters[0].least])
+        set_up_most = [UNUSUAL * USUAL_SCALE, UNUSUAL * USUAL_HEIGHT]
+        self.scatter_most = np.array([*([np.inf] * pairs), *set_up_most, named("odd_shape").parameters[0].least])
 
     @property
     def scattered(self) -> Sequence[Scattered]:
