@@ -198,6 +198,10 @@ class OpenLab:
         tracked = (folder / "lab.json").is_file() and not (folder / "lab.toml").is_file()
         self.lab: Lab | None = None if tracked else read_lab(folder, allow_outside=allow_outside)
 
+    def __repr__(self) -> str:
+        content = ", ".join(one.id for one in self.experiments) if self.lab else "tracked repetitions"
+        return f"<OpenLab {self.folder}: {content}>"
+
     @property
     def experiments(self) -> tuple[Any, ...]:
         """The experiments of lab.toml, in its order; none of a lab.json."""
@@ -429,6 +433,8 @@ def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
         path = _path(name, value)
         return path if getattr(option, "parser", None) is None else option.parser(str(value))
     if getattr(option, "parser", None) is not None:
+        if isinstance(value, (tuple, list)):  # a place: x, y, ...
+            value = ",".join(str(each) for each in value)
         number = float in kinds and isinstance(value, (int, float)) and not isinstance(value, bool)
         return option.parser(float(value) if number else str(value))
     choices = next((get_args(each) for each in kinds if get_origin(each) is Literal), None)

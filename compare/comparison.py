@@ -72,6 +72,9 @@ class Comparison:
     remarks: tuple[str, ...] = ()
     """Remarks on the whole run."""
 
+    def __repr__(self) -> str:
+        return f"<Comparison of {self.lab.title!r}: {self.headline} {len(self.deviations)} rows: to_frame()>"
+
     @property
     def deviations(self) -> tuple[Deviation, ...]:
         """Deviations of all experiments, in the order of the lab file."""

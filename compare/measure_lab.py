@@ -38,6 +38,10 @@ class LabMeasurements:
     files: dict[str, Path] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        names = ", ".join(one.experiment.id for one in self.measured)
+        return f"<LabMeasurements of {self.lab.title!r}: {names}; {len(self.rows)} numbers: to_frame()>"
+
     @property
     def rows(self) -> list[dict[str, Any]]:
         """Every quantity of every repetition, and those that lab.toml states."""

@@ -157,6 +157,17 @@ def test_a_lab_is_opened_with_its_experiments():
         "pendulum-D12",
         "pile-D6-90mm",
     ]
+    assert repr(rigtwin.open_lab(SAMPLES)) == f"<OpenLab {SAMPLES}: drop-D6-steel, pendulum-D12, pile-D6-90mm>"
+
+
+def test_a_stated_place_may_be_a_tuple_of_numbers():
+    photo = SAMPLES / "pile" / "view1.jpg"
+    settings = {"base_diameter": "90 mm", "bead_diameter": "6.2 mm"}
+    by_text, by_tuple = (
+        rigtwin.measure("pile", photo, base=base, **settings) for base in ("177,440,793,440", (177, 440, 793, 440.0))
+    )
+    asked = ("angle_of_repose_geometric", "apex")
+    assert by_tuple.value(*asked, side="mean") == by_text.value(*asked, side="mean")
 
 
 def test_a_lab_is_compared_with_the_options_of_the_command(tmp_path):
@@ -165,6 +176,8 @@ def test_a_lab_is_compared_with_the_options_of_the_command(tmp_path):
     lab = rigtwin.open_lab(SAMPLES)
     found = lab.compare(only="drop-D6-steel", model=str(tmp_path / "model.toml"), out=tmp_path / "out")
     rows = found.to_frame()
+    assert len(repr(found)) < 500
+    assert found.headline in repr(found)
     first = rows[(rows["quantity"] == "restitution_wall") & (rows["bounce"] == 1)]
     assert set(rows["experiment"]) == {"drop-D6-steel"}
     assert list(first["simulated"]) == pytest.approx([0.7] * len(first), abs=0.01)
@@ -194,7 +207,10 @@ def test_tracked_repetitions_of_a_lab_json_are_diagnosed(tmp_path):
     (tmp_path / "lab.json").write_text(json.dumps(stated), encoding="utf-8")
     lab = rigtwin.open_lab(tmp_path)
     assert lab.experiments == ()
-    assert lab.diagnose(out=tmp_path / "out").verdict == "none"
+    found = lab.diagnose(out=tmp_path / "out")
+    assert found.verdict == "none"
+    assert repr(found) == f"<Diagnosis of 't': none: {found.reason}>"
+    assert repr(lab) == f"<OpenLab {tmp_path}: tracked repetitions>"
     with pytest.raises(BadInput, match=r"lab\.toml: no such file"):
         lab.compare()
 

@@ -16,7 +16,7 @@ from rigtwin.compare.campaign.vary import OF_PARTICLE, of_contact
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.model_file import Model
-from rigtwin.lab.formatting import counted
+from rigtwin.lab.formatting import counted, reading
 from rigtwin.lab.materials import PARAMETERS
 
 # thresholds of verdicts in words; they change no interval
@@ -45,6 +45,10 @@ class Calibration:
     remarks: tuple[str, ...] = ()
     next_experiments: tuple[dict[str, Any], ...] = ()  # that would separate sets that fit, the best first
     files: dict[str, Path] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        found = [f"{name} = {reading(one['median'], one['std'], '1')}" for name, one in self.intervals.items()]
+        return "\n  ".join([f"<Calibration of {self.lab.title!r}, {counted(self.runs, 'run')}; SI units", *found]) + ">"
 
     @property
     def fits(self) -> bool:

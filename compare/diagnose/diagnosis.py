@@ -80,6 +80,9 @@ class Diagnosis:
     seconds: float = 0.0  # [s], CPU
     bench: Any = field(default=None, repr=False)
 
+    def __repr__(self) -> str:
+        return f"<Diagnosis of {self.lab.title!r}: {self.verdict}: {self.reason}>"
+
     @property
     def where(self) -> tuple[Disagreement, ...]:
         """Regions in which data and model disagree."""

@@ -311,6 +311,8 @@ def test_the_picture_that_a_kept_failure_names_is_there(lab, tmp_path, measured)
 def test_compare_uses_what_measure_has_kept(lab, measured):
     opened = rigtwin.open_lab(lab)
     found = opened.measure()
+    assert f"{len(found.rows)} numbers: to_frame()" in repr(found)
+    assert len(repr(found)) < 200
     frame = found.to_frame()
     assert set(frame["repetition"]) == {"drops/r1.csv", "drops/r2.csv", "drops/r10.csv", "bed.csv"}
     measured.clear()

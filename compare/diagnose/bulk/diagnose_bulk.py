@@ -63,6 +63,9 @@ class BulkDiagnosis:
     beside: tuple[()] = ()
     model: Model = field(default_factory=Model)
 
+    def __repr__(self) -> str:
+        return f"<BulkDiagnosis of {self.lab.title!r}: {self.verdict}: {self.reason}>"
+
     @property
     def verdict(self) -> str:
         """ "none", "named", "indistinguishable", "unlisted" or "undecided"."""

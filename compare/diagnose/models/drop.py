@@ -117,15 +117,19 @@ class DropBench:
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost), 1e-3, 1e-3])
         self.local_low = np.array([*([-np.inf] * 4), *([SLOWEST] * lost), *([-np.inf] * (lost + 2))])
         pairs = len(self.pairs)
-        bounce = np.where(self.active, self.pair[:, None], -1)
-        kick = np.where(self.active, pairs + 2, -1)
+        bounce, kick = (np.where(self.active, scatter, -1) for scatter in (self.pair[:, None], pairs + 2))
         # the bead's distance from the camera and the place of the plate in the picture differ from run to run
         set_up = np.tile([pairs, pairs + 1], (repetitions, 1))
         self.scatter = np.concatenate([bounce, kick, set_up], axis=1)
         self.scatter_start = np.array([*([0.02] * pairs), SCALE, HEIGHT, 0.02])
         self.scatter_least = np.array([*([LEAST_SCATTER] * pairs), LEAST_SCALE, LEAST_HEIGHT, LEAST_SCATTER])
-        set_up_most = [UNUSUAL * USUAL_SCALE, UNUSUAL * USUAL_HEIGHT]
-        self.scatter_most = np.array([*([np.inf] * pairs), *set_up_most, named("odd_shape").parameters[0].least])
+        most = (
+            *([np.inf] * pairs),
+            UNUSUAL * USUAL_SCALE,
+            UNUSUAL * USUAL_HEIGHT,
+            named("odd_shape").parameters[0].least,
+        )
+        self.scatter_most = np.array(most)
 
     @property
     def scattered(self) -> Sequence[Scattered]:

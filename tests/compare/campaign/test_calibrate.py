@@ -3,6 +3,7 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 from rigtwin.benchmarks.calibrate.recovery import make_lab
 from rigtwin.cli import run
 from rigtwin.compare.campaign import emulator as emulators
+from rigtwin.compare.campaign.calibration import Calibration
 from rigtwin.compare.campaign.curves import curve_targets
 from rigtwin.compare.campaign.posterior import Parameter, Posterior, Target, correlation, sample, scatter
 from rigtwin.lab.camera import Camera
@@ -124,6 +126,15 @@ def test_a_curve_enters_by_its_components():
 def sorted_pair(scores, slopes):
     order = np.argsort(scores)
     return np.array(scores)[order], slopes[order]
+
+
+def test_a_calibration_shows_its_parameters_and_no_samples():
+    friction = Calibration(
+        lab=SimpleNamespace(title="t"), parameters=(SimpleNamespace(name="static_friction"),), targets=(),
+        samples=np.linspace(0.3, 0.5, 101)[:, None], best={}, model=None, sensitivities=np.zeros((0, 1)),
+        predictions=(), runs=3, stopped="", misfit=(0.0, 1.0),
+    )  # fmt: skip
+    assert repr(friction) == "<Calibration of 't', 3 runs; SI units\n  static_friction = 0.400 ± 0.058>"
 
 
 def test_a_measured_coefficient_is_a_prior_and_a_wide_range_is_logarithmic():
