@@ -16,6 +16,9 @@ STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubi
 MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid
 EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
 FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
+DAMPED_STEP = 1.0  # longest step in a liquid, over the time in which its drag stops a slow bead
+STEADY = 1e-9  # relative change of the velocity in a step, below which a bead sinks at a constant velocity
+SLOWLY = 1e-4  # [m/s], velocity at which the drag of a slow bead is taken
 FINE = 16  # sub-steps of the first and the last step for a steep force
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
 """Fractions of the first step, smallest at the plate (reversed for the last), for a force that is steep there."""
@@ -75,25 +78,36 @@ def fly(
     rise = np.maximum(vy, 0.0)
     h = (vy + np.sqrt(rise * rise + 2 * gravity * gap)) / gravity / STEPS
     more = _finer(np.maximum(h, 1e-6), vy, gap, gravity, terms, values)
+    slow = any(term.slow for term in terms)
+    if slow:
+        creeping = np.stack([np.zeros_like(vx), np.full_like(vy, SLOWLY)])
+        rate = (pull(np.zeros_like(creeping), -creeping) - pull(np.zeros_like(creeping), creeping))[1] / (2 * SLOWLY)
+        more = max(more, _whole(float(np.max(h * rate, initial=1.0)) / DAMPED_STEP))
     h = np.maximum(h / more, 1e-6)
     velocity = np.stack([vx, vy])  # both along x and y, in front
     place = np.zeros_like(velocity)
     places, velocities = [place], [velocity]
-    landed = np.full(vx.shape, -1)
-    for k in range(more * (MOST_SLOW if any(term.slow for term in terms) else MOST)):
+    landed, steady = np.full(vx.shape, -1), False
+    for k in range(max(more * MOST, MOST_SLOW if slow else 0)):
         for share in GRADED if steep and k == 0 else (1.0,):
             place, velocity = runge_kutta(pull, place, velocity, share * h)
         places.append(place)
         velocities.append(velocity)
         touching = (landed < 0) & (above(place) <= 0) & (away(velocity) < 0)
         landed[touching] = k
-        if k >= more * STEPS // 2 and (landed >= 0).all():
+        steady = slow and bool(np.all(np.abs(velocity - velocities[-2]) < STEADY * np.abs(velocity).max(axis=0)))
+        if steady or (k >= more * STEPS // 2 and (landed >= 0).all()):
             break
     nodes, speeds = np.stack(places), np.stack(velocities)
     last = len(places) - 2
     at = np.where(landed < 0, last, landed)[None, None]
     begin, end = (np.take_along_axis(nodes, at + k, 0)[0] for k in (0, 1))
     speed, speed_end = (np.take_along_axis(speeds, at + k, 0)[0] for k in (0, 1))
+    further = np.zeros_like(h)
+    if steady:  # bodies that still sink, at a constant velocity, begin their last step as late as they land
+        sinking = np.where(landed < 0, np.maximum(-away(speed), 1e-12), np.inf) * h
+        further = np.maximum(above(begin) / sinking - 1.0, 0.0)
+        begin, end = begin + further * h * speed, end + further * h * speed
     fall = above(begin), above(end), away(speed) * h, away(speed_end) * h
     s = np.clip(fall[0] / np.maximum(fall[0] - fall[1], 1e-12), 0.0, 1.0)
     for _ in range(4):
@@ -101,7 +115,7 @@ def fly(
         s = np.clip(s - value / np.where(np.abs(slope) < 1e-12, -1e-12, slope), 0.0, 1.2)
     step = begin, end, speed * h, speed_end * h
     land, land_speed = hermite(*step, s), hermite_slope(*step, s) / h
-    duration = (at[0, 0] + s) * h
+    duration = (at[0, 0] + further + s) * h
     if steep:
         place, velocity = begin, speed
         for share in GRADED[::-1]:
@@ -122,7 +136,12 @@ def _finer(
             low, width = term.edges(*(values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters))
             squared = vy * vy + 2 * gravity * (gap - np.maximum(low, 0.0))  # of the speed at the lowest edge
             most = max(most, float(np.max(np.sqrt(np.maximum(squared, 0.0)) * h / width / EDGES_PER_STEP, initial=1.0)))
-    return int(np.clip(np.ceil(most), 1, FINEST)) if np.isfinite(most) else 1
+    return _whole(most)
+
+
+def _whole(times: float) -> int:
+    """A refinement of the steps as a whole number, not beyond the finest."""
+    return int(np.clip(np.ceil(times), 1, FINEST)) if np.isfinite(times) else 1
 
 
 def where(
