@@ -50,6 +50,34 @@ def test_a_long_fall_ends_at_the_terminal_speed_of_its_drag():
     assert -path.land_vy.item() == pytest.approx(terminal, rel=1e-3)
 
 
+@pytest.mark.parametrize(("diameter", "viscosity"), [(5.5e-3, 0.33), (3.3e-3, 0.33), (3.3e-3, 0.05), (3.3e-3, 1e-3)])
+def test_a_bead_that_sinks_in_a_liquid_moves_as_its_equation_of_motion_says(diameter, viscosity):
+    """The drag of oil stops a slow bead in milliseconds, and the bead sinks for seconds."""
+    height, density = 0.08, 960.0
+    radius, mass = diameter / 2, 1150 * math.pi / 6 * diameter**3
+    displaced = density * math.pi / 6 * diameter**3
+
+    def motion(_time, state):
+        reynolds = density * abs(state[1]) * diameter / viscosity
+        drag = 6 * math.pi * viscosity * radius * state[1] * (1 + 0.15 * reynolds**0.687)
+        return [state[1], ((displaced - mass) * G - drag) / (mass + displaced / 2)]
+
+    def landed(_time, state):
+        return state[0]
+
+    landed.terminal = True
+    exact = solve_ivp(motion, (0, 60), [height, 0.0], events=landed, rtol=1e-9, atol=1e-12, method="LSODA")
+    one = np.ones((1, 1, 1))
+    values = {"density": density, "log_viscosity": math.log10(1e3 * viscosity), "excess_drag": 0.0}
+    path = flight.fly(
+        0 * one, 0 * one, height * one, 0 * one, one,
+        radius=radius * one, mass=mass * one, gravity=G, terms=(named("fluid"),),
+        values={f"fluid.{name}": np.array([value]) for name, value in values.items()},
+    )  # fmt: skip
+    assert path.duration.item() == pytest.approx(exact.t[-1], rel=1e-3)
+    assert path.land_vy.item() == pytest.approx(exact.y[1, -1], rel=1e-3)
+
+
 @pytest.mark.parametrize(("up", "height"), [(0.3, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, 1.0)])
 def test_a_charged_bead_keeps_its_energy_however_steep_the_pull_of_its_image_is(up, height):
     one, charge = np.ones((1, 1, 1)), 1e-9
