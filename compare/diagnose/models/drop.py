@@ -37,8 +37,8 @@ SLOWEST = 1e-3  # [m/s], least speed after an impact; the bead rises by less tha
 SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repetition to repetition begins
 # [1], [m]: largest usual scatter, of a camera that is set up anew for each drop, some 20 times that of one at rest
 USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3
-UNUSUAL = 5.0  # times the usual scatter: a larger one is no repetition of the same experiment
 LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted scatter, below what a track resolves
+HELD_UP = 0.8  # share of gravity below which a fall, in a liquid for example, begins with its apparent acceleration
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
 
@@ -117,19 +117,14 @@ class DropBench:
         self.local_step = np.array([1e-3, 1e-3, 1e-3, 1e-2, *([1e-2] * lost), *([1e-2] * lost), 1e-3, 1e-3])
         self.local_low = np.array([*([-np.inf] * 4), *([SLOWEST] * lost), *([-np.inf] * (lost + 2))])
         pairs = len(self.pairs)
-        bounce, kick = (np.where(self.active, scatter, -1) for scatter in (self.pair[:, None], pairs + 2))
+        bounce = np.where(self.active, self.pair[:, None], -1)
+        kick = np.where(self.active, pairs + 2, -1)
         # the bead's distance from the camera and the place of the plate in the picture differ from run to run
         set_up = np.tile([pairs, pairs + 1], (repetitions, 1))
         self.scatter = np.concatenate([bounce, kick, set_up], axis=1)
         self.scatter_start = np.array([*([0.02] * pairs), SCALE, HEIGHT, 0.02])
         self.scatter_least = np.array([*([LEAST_SCATTER] * pairs), LEAST_SCALE, LEAST_HEIGHT, LEAST_SCATTER])
-        most = (
-            *([np.inf] * pairs),
-            UNUSUAL * USUAL_SCALE,
-            UNUSUAL * USUAL_HEIGHT,
-            named("odd_shape").parameters[0].least,
-        )
-        self.scatter_most = np.array(most)
+        self.scatter_most = np.array([*([np.inf] * (pairs + 2)), named("odd_shape").parameters[0].least])
 
     @property
     def scattered(self) -> Sequence[Scattered]:
@@ -156,7 +151,6 @@ class DropBench:
     def first_guess(self, values: Mapping[str, float]) -> Array:
         """Starting values (R, L) of releases and impacts, from jumps of speed, times between them, and slopes."""
         clock = 1.0 + values.get("frame_rate_error.relative", 0.0)
-        gravity = self.lab.gravity
         guess = self.local_prior.copy()
         n = self.impacts
         for r, span in enumerate(self.spans):
@@ -164,7 +158,10 @@ class DropBench:
             found = np.asarray(self.events[r]) / clock
             x, y = place[:, 0], place[:, 1]
             fall = max(y[:5].mean() - self.radius[r], 1e-3)
-            part = int(np.argmax(y < y[:5].mean() - 0.1 * fall))
+            part, further = (int(np.argmax(y < y[:5].mean() - share * fall)) for share in (0.1, 0.4))
+            # after a tenth of a uniformly accelerated fall four tenths take as long again
+            apparent = 0.2 * fall / max(time[further] - time[part], 1e-6) ** 2
+            gravity = apparent if apparent < HELD_UP * self.lab.gravity else self.lab.gravity
             guess[r, 0] = max(time[part] - math.sqrt(0.2 * fall / gravity), 0.0)
             guess[r, 1] = float(np.median(x[: max(part // 2, 3)]))
             guess[r, 2] = self.local_prior[r, 2]

@@ -499,7 +499,7 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
         return fitted(near=near)
     fits = [] if newest.flat else [fitted(near=near)]
     if lost or newest.flat:
-        fits += [fitted(**_begun(near, begin)) for begin in _starts(newest, lost=lost)]
+        fits += [_shaped_last(fitted, newest, _begun(near, begin)) for begin in _starts(newest, lost=lost)]
     elif fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
         # there may be another minimum in the physical range, e.g. lower friction during sliding instead of higher
         # friction with which the clump would climb the arm
@@ -508,6 +508,19 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
         # a calibration that the baseline strains may have led into another minimum: begin with the stated one
         fits.append(fitted(start={name: parameter.typical}))
     return min(fits, key=lambda one: one.deviance)
+
+
+def _shaped_last(fitted: Callable[..., Fit], effect: Effect, begun: Mapping[str, Any]) -> Fit:
+    """A fit whose coefficients of shape, known beforehand within an uncertainty, are held there at first.
+
+    Far from the data they would stand in for the strength of the effect.
+    """
+    held = {
+        f"{effect.name}.{one.name}": one.assumed[0]
+        for one in effect.parameters
+        if one.assumed is not None and not one.starts
+    }
+    return fitted(near=fitted(**begun, held=held)) if held else fitted(**begun)
 
 
 def _starts(effect: Effect, *, lost: bool) -> list[dict[str, float]]:
