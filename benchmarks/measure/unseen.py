@@ -88,7 +88,10 @@ def targets(kind: str, truth: JsonObject) -> Iterator[Target]:
         yield Target("graphical (regression)", graphical, "line 20-80 %", mean, regression, 1.5, "deg")
         yield Target("geometric", "angle_of_repose_geometric", "apex", mean, geometric, 1.0, "deg")
     elif kind == "packing":
-        yield Target("bed height", "bed_height", "", {}, truth["bed_height_m"], truth["bead_diameter_m"] / 4, "m")
+        quarter = truth["bead_diameter_m"] / 4
+        yield Target("bed height", "bed_height", "", {}, truth["bed_height_m"], quarter, "m")
+        if "outline_height_m" in truth:
+            yield Target("bed outline", "bed_height", "outline", {}, truth["outline_height_m"], quarter, "m")
     elif kind == "tilt":
         yield Target("onset", "", "onset", {}, truth["alpha_onset_deg"], 0.2, "deg")
     elif kind == "drop":

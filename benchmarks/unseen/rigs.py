@@ -16,6 +16,7 @@ from shapes import Floats
 from surroundings import Scene, clutter, coat, colour_of, ruler, table
 
 MOST = 5000  # grains
+READ = 0.95  # share of the cylinder's radius in which `measure packing` reads the outline
 SURFACE = 0.8  # [grain diameters], as `measure packing` defines the surface of a bed
 
 
@@ -148,6 +149,16 @@ def surface_height(centres: Floats, radius: float) -> float:
     return float(np.mean(centres[free, 2]) + radius)
 
 
+def outline_height(centres: Floats, radius: float) -> float:
+    """Mean height of the outline seen from far away at its own height, over the part of the width that is read."""
+    across = np.linspace(-READ, READ, 1001)
+    heights = np.full(across.shape, -np.inf)
+    for x, _, z in centres[centres[:, 2] > centres[:, 2].max() - 8 * radius]:
+        covered = np.abs(across - x) < radius
+        heights[covered] = np.maximum(heights[covered], z + np.sqrt(radius**2 - (across[covered] - x) ** 2))
+    return float(np.mean(heights))
+
+
 def bed(rng: np.random.Generator) -> Rig:
     """Bed in a transparent cylinder on a foot, with a gauge, cups or bottles near it."""
     tall = rng.uniform(1.5, 4.0)
@@ -191,5 +202,7 @@ def bed(rng: np.random.Generator) -> Rig:
     scene.centre = (rng.normal(0, 0.06) * scene.width, tall / 2 + rng.uniform(-0.05, 0.05) * scene.width)
     clutter(scene, -base, 1.5)
     points = {f"wall_{name}_px": (side, 0.0, fill / 2) for name, side in (("left", -1.0), ("right", 1.0))}
+    # these beds are cut out of a packing: their outline lies less above their bead tops than that of a settled bed
     truth = {"bed_height_m": surface_height(centres, radius), "n_beads": len(centres)}
+    truth["outline_height_m"] = outline_height(centres, radius)
     return Rig(scene, "packing", grain, truth, {**points, "floor_px_axis": (0.0, 0.0, 0.0)})

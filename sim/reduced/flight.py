@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -80,9 +80,7 @@ def fly(
     more = _finer(np.maximum(h, 1e-6), vy, gap, gravity, terms, values)
     slow = any(term.slow for term in terms)
     if slow:
-        creeping = np.stack([np.zeros_like(vx), np.full_like(vy, SLOWLY)])
-        rate = (pull(np.zeros_like(creeping), -creeping) - pull(np.zeros_like(creeping), creeping))[1] / (2 * SLOWLY)
-        more = max(more, _whole(float(np.max(h * rate, initial=1.0)) / DAMPED_STEP))
+        more = max(more, _whole(float(np.max(h * _damping(pull, vx), initial=1.0)) / DAMPED_STEP))
     h = np.maximum(h / more, 1e-6)
     velocity = np.stack([vx, vy])  # both along x and y, in front
     place = np.zeros_like(velocity)
@@ -103,11 +101,10 @@ def fly(
     at = np.where(landed < 0, last, landed)[None, None]
     begin, end = (np.take_along_axis(nodes, at + k, 0)[0] for k in (0, 1))
     speed, speed_end = (np.take_along_axis(speeds, at + k, 0)[0] for k in (0, 1))
-    further = np.zeros_like(h)
-    if steady:  # bodies that still sink, at a constant velocity, begin their last step as late as they land
-        sinking = np.where(landed < 0, np.maximum(-away(speed), 1e-12), np.inf) * h
-        further = np.maximum(above(begin) / sinking - 1.0, 0.0)
-        begin, end = begin + further * h * speed, end + further * h * speed
+    # beads that still sink, at a constant velocity, begin their last step as late as they land
+    sinking = np.where(steady & (landed < 0), np.maximum(-away(speed), 1e-12), np.inf) * h
+    further = np.maximum(above(begin) / sinking - 1.0, 0.0)
+    begin, end = begin + further * h * speed, end + further * h * speed
     fall = above(begin), above(end), away(speed) * h, away(speed_end) * h
     s = np.clip(fall[0] / np.maximum(fall[0] - fall[1], 1e-12), 0.0, 1.0)
     for _ in range(4):
@@ -124,6 +121,13 @@ def fly(
         land, land_speed = runge_kutta(pull, place, velocity, late)
         duration = duration + late
     return Paths(h, nodes[:, 0], nodes[:, 1], speeds[:, 0], speeds[:, 1], duration, *land, *land_speed)
+
+
+def _damping(pull: Callable[[Array, Array], Array], vx: Array) -> Array:
+    """Rate [1/s] at which drag slows a slow bead."""
+    creeping = np.stack([np.zeros_like(vx), np.full_like(vx, SLOWLY)])
+    place = np.zeros_like(creeping)
+    return np.asarray((pull(place, -creeping) - pull(place, creeping))[1] / (2 * SLOWLY))
 
 
 def _finer(

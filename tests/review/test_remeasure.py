@@ -147,6 +147,7 @@ def doubled(lab):
     return path
 
 
+@pytest.mark.slow
 def test_marks_and_twin_of_a_clip_with_doubled_frames_lie_in_the_frames_of_the_file(lab, measuring, doubled):
     drop = lab.experiment("drop")
     drop = replace(drop, camera=replace(drop.camera, frame_rate=240.0))

@@ -424,6 +424,7 @@ def test_an_interrupted_calibration_says_what_is_kept(tmp_path, capsys, monkeypa
     assert f"finished runs are kept in {tmp_path / 'calibration' / 'runs'}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_an_experiment_says_nothing_of_parameters_that_it_does_not_have(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", closed_form)

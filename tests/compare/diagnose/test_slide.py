@@ -101,6 +101,7 @@ def test_the_fit_of_a_strong_adhesion_converges_without_a_change_of_the_calibrat
         assert found.value(name) == pytest.approx(value, abs=3 * found.std(name))
 
 
+@pytest.mark.slow
 def test_a_strong_adhesion_is_named_alone(sticky):
     found = diagnose(sticky, listed=[named(name) for name in ("contact_adhesion", "plate_tilt", "scale_error")])
     assert found.verdict == "named"

@@ -120,7 +120,7 @@ def test_a_stated_centre_is_that_of_the_bead_next_to_it():
     assert second[frame] == pytest.approx((xb + 3, yb), abs=0.01)
 
 
-@pytest.mark.parametrize("away", [20, 120])
+@pytest.mark.parametrize("away", [20, pytest.param(120, marks=pytest.mark.slow)])
 def test_a_centre_of_a_pendulum_that_is_far_from_its_bead_is_named(away):
     camera = Camera(frame_rate=240.0)
     a, _ = tracks(pendulum.measure(DOUBLE, camera))
