@@ -36,6 +36,9 @@ class Parameter:
         an entry is missing the value is `assumed`.
     starts : tuple of float
         Further starting values of the fit, for effects with several local minima.
+    bounded : bool
+        Whether a fit stays within `low` and `high`; others may leave them, so that an impossible value is found and
+        refused.
     meaning : str
         What the coefficient is, for the reader of a report.
 
@@ -56,6 +59,7 @@ class Parameter:
     assumed: tuple[float, float] | None = None
     stated: Callable[[Mapping[str, Any], Mapping[str, Any]], float] | None = None
     starts: tuple[float, ...] = ()
+    bounded: bool = False
     meaning: str = ""
 
 

@@ -50,6 +50,8 @@ def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str,
             continue
         for parameter in term.parameters:
             mean, sd = parameter.assumed or (0.0, math.inf)
+            # beyond the physical range an effect of the wrong sign is found and refused
+            beyond = 0.0 if parameter.bounded else parameter.high - parameter.low
             unknowns.append(
                 Unknown(
                     f"{term.name}.{parameter.name}",
@@ -57,17 +59,12 @@ def camera_unknowns(lab: TrackedLab, terms: Sequence[Effect], more: Mapping[str,
                     parameter.typical,
                     prior=mean,
                     sd=sd,
-                    low=_wide(parameter.low, parameter.high),
-                    high=parameter.high + (parameter.high - parameter.low),
+                    low=parameter.low - beyond,
+                    high=parameter.high + beyond,
                     effect=term.name,
                 )
             )
     return unknowns
-
-
-def _wide(low: float, high: float) -> float:
-    # the fit may leave the physical range, so that an effect of the wrong sign is found and refused
-    return low - (high - low)
 
 
 def is_camera(name: str, terms: Sequence[Effect]) -> bool:

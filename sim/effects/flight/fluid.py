@@ -57,6 +57,7 @@ EFFECT = Effect(
             0.4,
             0.1,
             assumed=(0.0, 0.1),
+            bounded=True,
             meaning="logarithm of F_D over the formula, uncertain by 0.1",
         ),
     ),
