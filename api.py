@@ -424,17 +424,16 @@ def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     listed = next((get_args(each)[0] for each in get_args(kind) if get_origin(each) is list), None)
     if listed is not None:  # an option that may be repeated
         parser = getattr(option, "parser", None) or listed
-        several = [value] if isinstance(value, (str, Path)) else value
+        several = [value] if isinstance(_joined(value), (str, Path)) else value
         if not isinstance(several, Sequence):
             raise BadInput(f"{name}: {value!r} is neither a text nor a list of texts.")
-        return [parser(str(each)) for each in several]
+        return [parser(str(_joined(each))) for each in several]
     kinds = (kind,) if get_origin(kind) in (None, Literal) else get_args(kind)
     if Path in kinds:
         path = _path(name, value)
         return path if getattr(option, "parser", None) is None else option.parser(str(value))
     if getattr(option, "parser", None) is not None:
-        if isinstance(value, (tuple, list)):  # a place: x, y, ...
-            value = ",".join(str(each) for each in value)
+        value = _joined(value)
         number = float in kinds and isinstance(value, (int, float)) and not isinstance(value, bool)
         return option.parser(float(value) if number else str(value))
     choices = next((get_args(each) for each in kinds if get_origin(each) is Literal), None)
@@ -449,6 +448,12 @@ def _read(name: str, value: Any, parameter: inspect.Parameter) -> Any:
     if int in kinds and not (fits and (low is None or value >= low) and (high is None or value <= high)):
         raise BadInput(f"{name}: {value!r} is not a whole number{_range(low, high)}.")
     return value
+
+
+def _joined(value: Any) -> Any:
+    """A tuple or list of numbers, the coordinates of a place, as the command line has it; others as they are."""
+    numbers = isinstance(value, (tuple, list)) and bool(value) and all(isinstance(each, (int, float)) for each in value)
+    return ",".join(str(each) for each in value) if numbers else value
 
 
 def _range(low: int | None, high: int | None) -> str:

@@ -168,6 +168,9 @@ def test_a_stated_place_may_be_a_tuple_of_numbers():
     )
     asked = ("angle_of_repose_geometric", "apex")
     assert by_tuple.value(*asked, side="mean") == by_text.value(*asked, side="mean")
+    assert api._joined((320, 40)) == "320,40"
+    assert [api._joined(each) for each in [(320, 40), "400,40"]] == ["320,40", "400,40"]
+    assert api._joined((90, "mm")) == (90, "mm")
 
 
 def test_a_lab_is_compared_with_the_options_of_the_command(tmp_path):

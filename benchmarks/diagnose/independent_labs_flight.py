@@ -141,12 +141,12 @@ def energy_loss(exponent: float) -> Make:
     """Each impact costs an energy that depends on the bead's size by a power, by 0 not at all."""
 
     def make(rng: Rng, lab: Lab) -> Sized:
-        first, lightest = lab.spheres[0], min(lab.spheres, key=lambda sphere: sphere.mass)
+        lightest = min(lab.spheres, key=lambda sphere: sphere.mass)
         speed = float(rng.uniform(0.1, 0.35))  # [m/s], of the lightest bead, that this energy stops
 
         def sized(size: float) -> Hidden:
             def bounce(plain: float, v: float, sphere: Sphere) -> float:
-                lost = size * 0.5 * lightest.mass * speed**2 * (sphere.radius / first.radius) ** exponent
+                lost = size * 0.5 * lightest.mass * speed**2 * (sphere.radius / lightest.radius) ** exponent
                 return math.sqrt(max(plain**2 - 2 * lost / (sphere.mass * max(v, 1e-6) ** 2), 0.0))
 
             return Hidden(bounce=bounce)
@@ -160,17 +160,17 @@ def charge(kind: str) -> Make:
     """Attraction by the image in a conducting plate: the same charge on all beads, one by area, or one that leaks."""
 
     def make(rng: Rng, lab: Lab) -> Sized:
-        first = lab.spheres[0]
         # a share of the lightest bead's weight at the plate, a charge that insulating beads hold
-        lightest = min(sphere.mass for sphere in lab.spheres)
-        held = math.sqrt(float(rng.uniform(0.3, 1.5)) * lightest * 9.81 * 16 * math.pi * 8.854e-12) * first.radius
+        lightest = min(lab.spheres, key=lambda sphere: sphere.mass)
+        share = float(rng.uniform(0.3, 1.5))
+        held = math.sqrt(share * lightest.mass * 9.81 * 16 * math.pi * 8.854e-12) * lightest.radius
         leak = float(rng.uniform(0.4, 1.2))
 
         def sized(size: float) -> Hidden:
             def force(t: float, s: Array, sphere: Sphere) -> tuple[float, float]:
                 q = held * math.sqrt(size)
                 if kind == "area":
-                    q *= (sphere.radius / first.radius) ** 2
+                    q *= (sphere.radius / lightest.radius) ** 2
                 if kind == "leaking":
                     q *= math.exp(-t / leak)
                 return 0.0, -(q**2) / (16 * math.pi * 8.854e-12 * max(float(s[1]), 0.9 * sphere.radius) ** 2)

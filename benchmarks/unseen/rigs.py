@@ -202,7 +202,6 @@ def bed(rng: np.random.Generator) -> Rig:
     scene.centre = (rng.normal(0, 0.06) * scene.width, tall / 2 + rng.uniform(-0.05, 0.05) * scene.width)
     clutter(scene, -base, 1.5)
     points = {f"wall_{name}_px": (side, 0.0, fill / 2) for name, side in (("left", -1.0), ("right", 1.0))}
-    # these beds are cut out of a packing: their outline lies less above their bead tops than that of a settled bed
     truth = {"bed_height_m": surface_height(centres, radius), "n_beads": len(centres)}
     truth["outline_height_m"] = outline_height(centres, radius)
     return Rig(scene, "packing", grain, truth, {**points, "floor_px_axis": (0.0, 0.0, 0.0)})

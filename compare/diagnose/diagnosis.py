@@ -53,7 +53,9 @@ SIZE_EXPONENT = "size_exponent"  # parameter of the laws with a free dependence 
 STATED = math.sqrt(ALARM)  # stated standard uncertainties by which a calibration quantity must be off to be named
 FACTOR_TWO = 1.0  # penalty (`surprise`) of a coefficient that is off its predicted value by a factor of two
 ON_A_TRACK = ("roll", "slide")  # rigs in which a body is guided along one straight path
-NO_SCATTER = 20.0  # times the usual scatter between repetitions: a larger one is a misfit that differs between them
+# times the usual scatter between repetitions: a larger one is a misfit that differs between them; chosen on labs whose
+# scale would scatter by 50 times the usual
+SCATTER_OF_A_MISFIT = 20.0
 LEFT = 0.9  # share of the excess gap that an effect must close to be named while a disagreement remains
 
 
@@ -219,18 +221,28 @@ def _shown(bench: Regioned, lab: TrackedLab, verdict: Diagnosis, sizes: Gap | No
 
 
 def _with_scatter(bench: Regioned, verdict: Diagnosis, base: Fit) -> Diagnosis:
-    """The verdict with a remark on unusual scatter; undecided where nothing was repeated, as that may be the effect."""
+    """The verdict with a remark on unusual scatter.
+
+    It is undecided where nothing was repeated, as the scatter may be the effect, and unlisted where an effect fits only
+    with a scatter that no experiment has.
+    """
     fitted = verdict.chosen.fitted if verdict.chosen else base
     far = above_usual(scatter_found(bench, fitted))
-    scattered = in_words_of_scatter(far)
-    if not scattered:
+    if not far:
         return verdict
-    if verdict.verdict in ("named", "indistinguishable") and far[0]["std"] > NO_SCATTER * far[0]["usual"]:
-        assert verdict.chosen is not None
-        why = f"{names(verdict.chosen.terms)} describes the data only where {scattered}"
-        return replace(verdict, verdict="unlisted", chosen=None, reason=why)
-    found = replace(verdict, reason=f"{verdict.reason}; {scattered}")
-    return replace(found, verdict="undecided", chosen=None) if _all_once(bench) and verdict.chosen else found
+    found = replace(verdict, reason=f"{verdict.reason}; {in_words_of_scatter(far)}")
+    if verdict.chosen is None:
+        return found
+    if _all_once(bench):
+        return replace(found, verdict="undecided", chosen=None)
+    terms = verdict.chosen.terms
+    widened = any(term.geometry in WIDENING for term in terms)
+    if widened or verdict.verdict == "unlisted" or far[0]["std"] <= SCATTER_OF_A_MISFIT * far[0]["usual"]:
+        return found
+    why = (
+        f"{names(terms)} describes the data only with a scatter that no experiment has; {in_words_of_scatter(far[:1])}"
+    )
+    return replace(verdict, verdict="unlisted", chosen=None, reason=why)
 
 
 def acts(effect: Effect, lab: TrackedLab) -> bool:

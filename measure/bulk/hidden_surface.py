@@ -19,8 +19,8 @@ from rigtwin.measure.geometry.lines import at, straight
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
 BELOW = (0.7, 4.0)  # [bead radii] below the outline: objects behind the cylinder end at the outline
 GRAINS = 0.5  # least mean probability of grains there
-STRIP = (0.05, 0.1)  # least height and largest width of a strip of glare on glass, as shares of the picture's sides
-STRIP_EDGE = 3  # [px], by which a strip of glare is brighter than its surroundings beyond its saturated pixels
+STRIP_HEIGHT, STRIP_WIDTH = 0.05, 0.1  # least height, largest width of a strip of glare, over those of the picture
+STRIP_EDGE = 3  # [px], by which a strip of glare reaches beyond its saturated pixels
 USUAL_LEVEL = 2.0  # [bead radii], largest distance of a settled surface from the straight line through it
 
 
@@ -40,7 +40,7 @@ def without_strips(image: Image, glare: Mask) -> Image:
     rows, columns = glare.shape
     left, top, width, height = stats[:, :4].T
     inside = (left > 0) & (top > 0) & (left + width < columns) & (top + height < rows)
-    strips = inside & (height > STRIP[0] * rows) & (width < STRIP[1] * columns)
+    strips = inside & (height > STRIP_HEIGHT * rows) & (width < STRIP_WIDTH * columns) & (height > width)
     strips[0] = False
     strip = cv2.dilate(strips[labels].astype(np.uint8), np.ones((1, 2 * STRIP_EDGE + 1), np.uint8)) > 0
     place = np.arange(columns)
@@ -48,7 +48,8 @@ def without_strips(image: Image, glare: Mask) -> Image:
     after = np.minimum.accumulate(np.where(strip, columns, place)[:, ::-1], axis=1)[:, ::-1]
     nearer_left = place - before <= after - place
     mirrored = np.clip(np.where(nearer_left, 2 * before + 1 - place, 2 * after - 1 - place), 0, columns - 1)
-    return np.take_along_axis(image, np.where(strip, mirrored, place)[..., None], axis=1)
+    replaced = strip & ~np.take_along_axis(strip, mirrored, axis=1)
+    return np.take_along_axis(image, np.where(replaced, mirrored, place)[..., None], axis=1)
 
 
 def covered_columns(found: Silhouette, alike: FloatImage, glare: Mask, inside: Mask) -> Mask:

@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.lab.arrays import Array
+from rigtwin.lab.arrays import Array, Mask
 from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 from rigtwin.sim.effects import Effect
 
 STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubic
-MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid
+MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid whose drag needs no finer ones
 EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
 FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
-DAMPED_STEP = 1.0  # longest step in a liquid, over the time in which its drag stops a slow bead
-STEADY = 1e-9  # relative change of the velocity in a step, below which a bead sinks at a constant velocity
-SLOWLY = 1e-4  # [m/s], velocity at which the drag of a slow bead is taken
+DAMPED_STEP = 1.0  # [damping times], longest step in a liquid; the Runge-Kutta method is stable up to 2.8
+STEADY = 1e-9  # [1], relative change of the velocity in a step, below which a bead sinks at a constant velocity
+CREEPING_SPEED = 1e-4  # [m/s], speed at which the damping time of a slow bead is taken
 FINE = 16  # sub-steps of the first and the last step for a steep force
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
 """Fractions of the first step, smallest at the plate (reversed for the last), for a force that is steep there."""
@@ -79,21 +79,23 @@ def fly(
     h = (vy + np.sqrt(rise * rise + 2 * gravity * gap)) / gravity / STEPS
     more = _finer(np.maximum(h, 1e-6), vy, gap, gravity, terms, values)
     slow = any(term.slow for term in terms)
+    most = more * (MOST_SLOW if slow else MOST)
     if slow:
-        more = max(more, _whole(float(np.max(h * _damping(pull, vx), initial=1.0)) / DAMPED_STEP))
+        more = max(more, _refinement(float(np.max(h * _damping(pull, vx), initial=1.0)) / DAMPED_STEP))
     h = np.maximum(h / more, 1e-6)
     velocity = np.stack([vx, vy])  # both along x and y, in front
     place = np.zeros_like(velocity)
     places, velocities = [place], [velocity]
-    landed, steady = np.full(vx.shape, -1), False
-    for k in range(max(more * MOST, MOST_SLOW if slow else 0)):
+    # where the forces below are those here, a constant velocity stays constant
+    uniform, steady, landed = slow and not (steep or any(term.edges for term in terms)), False, np.full(vx.shape, -1)
+    for k in range(max(more * MOST, most)):
         for share in GRADED if steep and k == 0 else (1.0,):
             place, velocity = runge_kutta(pull, place, velocity, share * h)
         places.append(place)
         velocities.append(velocity)
         touching = (landed < 0) & (above(place) <= 0) & (away(velocity) < 0)
         landed[touching] = k
-        steady = slow and bool(np.all(np.abs(velocity - velocities[-2]) < STEADY * np.abs(velocity).max(axis=0)))
+        steady = uniform and bool(np.all(np.abs(velocity - velocities[-2]) < STEADY * np.abs(velocity).max(axis=0)))
         if steady or (k >= more * STEPS // 2 and (landed >= 0).all()):
             break
     nodes, speeds = np.stack(places), np.stack(velocities)
@@ -101,10 +103,8 @@ def fly(
     at = np.where(landed < 0, last, landed)[None, None]
     begin, end = (np.take_along_axis(nodes, at + k, 0)[0] for k in (0, 1))
     speed, speed_end = (np.take_along_axis(speeds, at + k, 0)[0] for k in (0, 1))
-    # beads that still sink, at a constant velocity, begin their last step as late as they land
-    sinking = np.where(steady & (landed < 0), np.maximum(-away(speed), 1e-12), np.inf) * h
-    further = np.maximum(above(begin) / sinking - 1.0, 0.0)
-    begin, end = begin + further * h * speed, end + further * h * speed
+    skipped = _skipped(above(begin), away(speed) * h, steady & (landed < 0))
+    begin, end = begin + skipped * h * speed, end + skipped * h * speed
     fall = above(begin), above(end), away(speed) * h, away(speed_end) * h
     s = np.clip(fall[0] / np.maximum(fall[0] - fall[1], 1e-12), 0.0, 1.0)
     for _ in range(4):
@@ -112,7 +112,7 @@ def fly(
         s = np.clip(s - value / np.where(np.abs(slope) < 1e-12, -1e-12, slope), 0.0, 1.2)
     step = begin, end, speed * h, speed_end * h
     land, land_speed = hermite(*step, s), hermite_slope(*step, s) / h
-    duration = (at[0, 0] + further + s) * h
+    duration = (at[0, 0] + skipped + s) * h
     if steep:
         place, velocity = begin, speed
         for share in GRADED[::-1]:
@@ -123,11 +123,20 @@ def fly(
     return Paths(h, nodes[:, 0], nodes[:, 1], speeds[:, 0], speeds[:, 1], duration, *land, *land_speed)
 
 
+def _skipped(above: Array, rise: Array, steady: Mask) -> Array:
+    """Number of steps until the last one above the plate for beads that sink at a constant velocity, else 0.
+
+    `above` [m] is the height at the last step computed, `rise` [m] the change of it in one step.
+    """
+    sinking = np.where(steady & (rise < 0), -rise, np.inf)
+    return np.asarray(np.maximum(above / sinking - 1.0, 0.0))
+
+
 def _damping(pull: Callable[[Array, Array], Array], vx: Array) -> Array:
     """Rate [1/s] at which drag slows a slow bead."""
-    creeping = np.stack([np.zeros_like(vx), np.full_like(vx, SLOWLY)])
+    creeping = np.stack([np.zeros_like(vx), np.full_like(vx, CREEPING_SPEED)])
     place = np.zeros_like(creeping)
-    return np.asarray((pull(place, -creeping) - pull(place, creeping))[1] / (2 * SLOWLY))
+    return np.asarray((pull(place, -creeping) - pull(place, creeping))[1] / (2 * CREEPING_SPEED))
 
 
 def _finer(
@@ -140,10 +149,10 @@ def _finer(
             low, width = term.edges(*(values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters))
             squared = vy * vy + 2 * gravity * (gap - np.maximum(low, 0.0))  # of the speed at the lowest edge
             most = max(most, float(np.max(np.sqrt(np.maximum(squared, 0.0)) * h / width / EDGES_PER_STEP, initial=1.0)))
-    return _whole(most)
+    return _refinement(most)
 
 
-def _whole(times: float) -> int:
+def _refinement(times: float) -> int:
     """A refinement of the steps as a whole number, not beyond the finest."""
     return int(np.clip(np.ceil(times), 1, FINEST)) if np.isfinite(times) else 1
 
@@ -167,13 +176,14 @@ def where(
     s = since / h
     k = np.clip(s.astype(np.int64), 0, nodes - 2)
     s = s - k
+    beyond, s = np.maximum(s - 1.0, 0.0), np.minimum(s, 1.0)  # steps after the last node, at the velocity there
     size = settings * repetitions * flights
     first, second = k * size + cell, (k + 1) * size + cell
     x, y, u, v = (series.reshape(-1) for series in (paths.x, paths.y, paths.vx, paths.vy))
     u0, u1, v0, v1 = u[first] * h, u[second] * h, v[first] * h, v[second] * h
     x0, x1, y0, y1 = x[first], x[second], y[first], y[second]
-    px = hermite(x0, x1, u0, u1, s) + x_start.reshape(-1)[cell]
-    py = hermite(y0, y1, v0, v1, s) + y_start.reshape(-1)[cell]
+    px = hermite(x0, x1, u0, u1, s) + beyond * u1 + x_start.reshape(-1)[cell]
+    py = hermite(y0, y1, v0, v1, s) + beyond * v1 + y_start.reshape(-1)[cell]
     vx = np.where(held[:1], 0.0, hermite_slope(x0[:1], x1[:1], u0[:1], u1[:1], s[:1]) / h[:1])
     vy = np.where(held[:1], 0.0, hermite_slope(y0[:1], y1[:1], v0[:1], v1[:1], s[:1]) / h[:1])
     return px, py, vx, vy

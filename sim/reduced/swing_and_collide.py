@@ -70,7 +70,7 @@ def swing_and_hit(
     limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
     for _ in range(limit):
         mobile = np.where(count > 0, 1.0, 0.0)  # before the first impact the second bob is at rest
-        second: Push = partial(_once_hit, push[1], mobile) if mobile.any() else _at_rest
+        second: Push = partial(_moving_after_impact, push[1], mobile) if mobile.any() else _at_rest
 
         if mutual is None:
             on = partial(_both, _dry if dry else runge_kutta, (push[0], second), a, b, u, v)
@@ -111,7 +111,7 @@ def _at_rest(angle: Array, _rate: Array) -> Array:
     return np.zeros_like(angle)
 
 
-def _once_hit(push: Push, mobile: Array, angle: Array, rate: Array) -> Array:
+def _moving_after_impact(push: Push, mobile: Array, angle: Array, rate: Array) -> Array:
     return np.asarray(mobile * push(angle, rate))
 
 

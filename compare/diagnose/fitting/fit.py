@@ -23,6 +23,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
+WIDEST = 1.0  # largest scatter of a restitution, friction or relative scale [1], of a height [m] or a speed [m/s]
 LAST = 6  # largest number of steps after the last update of the scatter
 
 
@@ -128,7 +129,7 @@ def fit(
     if jittered and state.jitter == 0.0:
         state.jitter = next(term.parameters[0].typical for term in terms if term.geometry == "jitter")
     odd = any(term.geometry == "scatter" for term in terms)
-    most_scatter = np.full(len(state.scatter), np.inf) if odd else bench.scatter_most
+    most_scatter = np.full(len(state.scatter), np.inf) if odd else np.minimum(bench.scatter_most, WIDEST)
     converged, same = False, True
     if near is None or start:
         for horizon in getattr(bench, "horizons", list)():

@@ -16,7 +16,6 @@ from rigtwin.lab.arrays import Array
 
 MOST_UPDATES, SAME = 25, 3e-3  # updates in one linearised model, and the relative change that ends them
 LEAST_DETERMINED = 0.2  # smallest share of deviations that count as determined by the data, in one update
-WIDEST = 1.0  # largest scatter of a restitution, friction or relative scale [1] or of a height [m]
 
 
 def expect_scatter(
@@ -54,7 +53,7 @@ def _update(bench: Bench, state: State, soft: Array, variance: Array, most: Arra
         if mine.any():
             known = 1.0 - np.minimum(variance[mine] / state.scatter[h] ** 2, 1.0)
             square = float(np.sum(soft[mine] ** 2) / max(float(np.sum(known)), LEAST_DETERMINED * known.size))
-            state.scatter[h] = max(min(math.sqrt(square), float(most[h]), WIDEST), float(bench.scatter_least[h]))
+            state.scatter[h] = max(min(math.sqrt(square), float(most[h])), float(bench.scatter_least[h]))
 
 
 def jitter_of(bench: Bench, linear: Linear, mask: Any) -> tuple[float, float]:

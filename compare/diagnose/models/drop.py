@@ -38,7 +38,7 @@ SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repeti
 # [1], [m]: largest usual scatter, of a camera that is set up anew for each drop, some 20 times that of one at rest
 USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3
 LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted scatter, below what a track resolves
-HELD_UP = 0.8  # share of gravity below which a fall, in a liquid for example, begins with its apparent acceleration
+SLOW_FALL = 0.8  # [g], acceleration below which a fall, in a liquid for example, is guessed with it instead of gravity
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
 
@@ -159,9 +159,10 @@ class DropBench:
             x, y = place[:, 0], place[:, 1]
             fall = max(y[:5].mean() - self.radius[r], 1e-3)
             part, further = (int(np.argmax(y < y[:5].mean() - share * fall)) for share in (0.1, 0.4))
-            # after a tenth of a uniformly accelerated fall four tenths take as long again
-            apparent = 0.2 * fall / max(time[further] - time[part], 1e-6) ** 2
-            gravity = apparent if apparent < HELD_UP * self.lab.gravity else self.lab.gravity
+            # a uniformly accelerated fall needs twice the time for 40 % of its height as for 10 %
+            taken, free = time[further] - time[part], math.sqrt(0.2 * fall / self.lab.gravity)
+            held_up = taken > free / math.sqrt(SLOW_FALL) + 2 * float(np.median(np.diff(time)))
+            gravity = 0.2 * fall / taken**2 if held_up else self.lab.gravity
             guess[r, 0] = max(time[part] - math.sqrt(0.2 * fall / gravity), 0.0)
             guess[r, 1] = float(np.median(x[: max(part // 2, 3)]))
             guess[r, 2] = self.local_prior[r, 2]

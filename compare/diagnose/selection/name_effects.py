@@ -43,6 +43,7 @@ GLANCE = 6.0  # promised gain in deviance below which a candidate is not fitted
 ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline shows that the old one was a poor minimum
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
+NEAR_NOISE = 1.5  # chi2 per coordinate below which a gap is too small to be a measure of other gaps
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
 
@@ -190,14 +191,14 @@ class _Search:
     def _gain(self, fitted: Fit) -> float:
         """Gain of a fit over the baseline; that of a fit to part of the data is extrapolated to all data.
 
-        It closes the same share of the baseline's gap there.
+        It is assumed that the effect closes the same share of the baseline's gap on all data.
         """
         if not self.is_part(fitted):
             return (self.base.deviance - fitted.deviance) / self.spread + self._spared(fitted)
         assert self.rough is not None
         plain = self.rough[1]
         gaps = [one.chi2 - one.residual.size for one in (self.base, plain)]
-        more = gaps[0] / gaps[1] if gaps[1] > 0 else len(self.base.residual) / len(plain.residual)
+        more = gaps[0] / gaps[1] if plain.per_row > NEAR_NOISE else len(self.base.residual) / len(plain.residual)
         return (plain.deviance - fitted.deviance) * more / self.spread + self._spared(fitted)
 
     def polish(self, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -499,7 +500,7 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
         return fitted(near=near)
     fits = [] if newest.flat else [fitted(near=near)]
     if lost or newest.flat:
-        fits += [_shaped_last(fitted, newest, _begun(near, begin)) for begin in _starts(newest, lost=lost)]
+        fits += [_strength_first(fitted, newest, _begun(near, begin)) for begin in _starts(newest, lost=lost)]
     elif fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
         # there may be another minimum in the physical range, e.g. lower friction during sliding instead of higher
         # friction with which the clump would climb the arm
@@ -510,10 +511,10 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     return min(fits, key=lambda one: one.deviance)
 
 
-def _shaped_last(fitted: Callable[..., Fit], effect: Effect, begun: Mapping[str, Any]) -> Fit:
+def _strength_first(fitted: Callable[..., Fit], effect: Effect, begun: Mapping[str, Any]) -> Fit:
     """A fit whose coefficients of shape, known beforehand within an uncertainty, are held there at first.
 
-    Far from the data they would stand in for the strength of the effect.
+    Far from the solution they would compensate a wrong strength.
     """
     held = {
         f"{effect.name}.{one.name}": one.assumed[0]

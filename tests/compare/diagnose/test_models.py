@@ -76,6 +76,30 @@ def test_a_bead_that_sinks_in_a_liquid_moves_as_its_equation_of_motion_says(diam
     )  # fmt: skip
     assert path.duration.item() == pytest.approx(exact.t[-1], rel=1e-3)
     assert path.land_vy.item() == pytest.approx(exact.y[1, -1], rel=1e-3)
+    times = np.linspace(0, exact.t[-1], 50)
+    _, y, _, _ = flight.where(path, 0 * one, 0 * one, height * one, times[None], np.zeros(50, dtype=int))
+    exact = solve_ivp(motion, (0, times[-1]), [height, 0.0], t_eval=times, rtol=1e-9, atol=1e-12, method="LSODA")
+    assert y[0] == pytest.approx(exact.y[0], abs=1e-3 * height)
+
+
+def test_a_bead_that_rises_in_a_liquid_disturbs_no_bead_that_sinks():
+    one = np.ones((1, 1, 1))
+    radius, both = 1.65e-3, np.array([1150.0, 900.0]).reshape(1, 2, 1)
+    values = {
+        f"fluid.{name}": np.array([v])
+        for name, v in zip(("density", "log_viscosity", "excess_drag"), (960.0, 2.5, 0.0), strict=True)
+    }
+
+    def fall(density):
+        rest = 0 * density
+        return flight.fly(
+            rest, rest, rest + 0.08, rest, rest + 1, radius=rest + radius, mass=density * 4 / 3 * math.pi * radius**3,
+            gravity=G, terms=(named("fluid"),), values=values,
+        )  # fmt: skip
+
+    together, alone = fall(both), fall(1150.0 * one)
+    assert together.duration[0, 0, 0] == pytest.approx(alone.duration.item(), rel=1e-6)
+    assert np.abs(together.duration).max() < 60
 
 
 @pytest.mark.parametrize(("up", "height"), [(0.3, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, 1.0)])
