@@ -86,8 +86,7 @@ def fly(
     velocity = np.stack([vx, vy])  # both along x and y, in front
     place = np.zeros_like(velocity)
     places, velocities = [place], [velocity]
-    # where the forces below are those here, a constant velocity stays constant
-    uniform, steady, landed = slow and not (steep or any(term.edges for term in terms)), False, np.full(vx.shape, -1)
+    landed, steady = np.full(vx.shape, -1), False
     for k in range(max(more * MOST, most)):
         for share in GRADED if steep and k == 0 else (1.0,):
             place, velocity = runge_kutta(pull, place, velocity, share * h)
@@ -95,7 +94,7 @@ def fly(
         velocities.append(velocity)
         touching = (landed < 0) & (above(place) <= 0) & (away(velocity) < 0)
         landed[touching] = k
-        steady = uniform and bool(np.all(np.abs(velocity - velocities[-2]) < STEADY * np.abs(velocity).max(axis=0)))
+        steady = slow and bool(np.all(np.abs(velocity - velocities[-2]) < STEADY * np.abs(velocity).max(axis=0)))
         if steady or (k >= more * STEPS // 2 and (landed >= 0).all()):
             break
     nodes, speeds = np.stack(places), np.stack(velocities)
