@@ -16,8 +16,7 @@ STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubi
 MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid whose drag needs no finer ones
 EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
 FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
-DAMPED_STEP = 1.0  # [damping times], longest step in a liquid; the Runge-Kutta method is stable up to 2.8
-STEADY = 1e-9  # [1], relative change of the velocity in a step, below which a bead sinks at a constant velocity
+STEADY = 1e-9  # relative change of the velocity in a step, below which it counts as constant; chosen near rounding
 CREEPING_SPEED = 1e-4  # [m/s], speed at which the damping time of a slow bead is taken
 FINE = 16  # sub-steps of the first and the last step for a steep force
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
@@ -81,7 +80,8 @@ def fly(
     slow = any(term.slow for term in terms)
     most = more * (MOST_SLOW if slow else MOST)
     if slow:
-        more = max(more, _refinement(float(np.max(h * _damping(pull, vx), initial=1.0)) / DAMPED_STEP))
+        # at most one damping time a step: the Runge-Kutta method is stable up to 2.8
+        more = max(more, _refinement(float(np.max(h * _damping(pull, vx), initial=1.0))))
     h = np.maximum(h / more, 1e-6)
     velocity = np.stack([vx, vy])  # both along x and y, in front
     place = np.zeros_like(velocity)

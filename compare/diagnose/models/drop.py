@@ -38,7 +38,7 @@ SCALE, HEIGHT = 5e-4, 1e-4  # [1], [m]: where a fit of their scatter from repeti
 # [1], [m]: largest usual scatter, of a camera that is set up anew for each drop, some 20 times that of one at rest
 USUAL_SCALE, USUAL_HEIGHT = 0.02, 2e-3
 LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted scatter, below what a track resolves
-SLOW_FALL = 0.8  # [g], acceleration below which a fall, in a liquid for example, is guessed with it instead of gravity
+SLOW_FALL = 0.8  # [g], acceleration below which a fall, in a liquid for example, begins with it; chosen
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
 
