@@ -13,11 +13,13 @@ from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 from rigtwin.sim.effects import Effect
 
 STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubic
-MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid whose drag needs no finer ones
+MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid until its velocity is constant
 EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
 FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
+STEPS_PER_DAMPING_TIME = 1.5  # the paths of beads in liquids are then right to 0.1 %
 STEADY = 1e-9  # relative change of the velocity in a step, below which it counts as constant; chosen near rounding
 CREEPING_SPEED = 1e-4  # [m/s], speed at which the damping time of a slow bead is taken
+LIGHTEST = 0.01  # [gravity], apparent gravity for which the steps of a nearly neutral bead in a liquid are made
 FINE = 16  # sub-steps of the first and the last step for a steep force
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
 """Fractions of the first step, smallest at the plate (reversed for the last), for a force that is steep there."""
@@ -75,19 +77,18 @@ def fly(
 
     steep = any(term.steep for term in terms)
     rise = np.maximum(vy, 0.0)
-    h = (vy + np.sqrt(rise * rise + 2 * gravity * gap)) / gravity / STEPS
-    more = _finer(np.maximum(h, 1e-6), vy, gap, gravity, terms, values)
     slow = any(term.slow for term in terms)
-    most = more * (MOST_SLOW if slow else MOST)
+    weight = _apparent_gravity(pull, vx, gravity) if slow else gravity
+    h = (vy + np.sqrt(rise * rise + 2 * weight * gap)) / weight / STEPS
+    more = _finer(np.maximum(h, 1e-6), vy, gap, gravity, terms, values)
     if slow:
-        # at most one damping time a step: the Runge-Kutta method is stable up to 2.8
-        more = max(more, _refinement(float(np.max(h * _damping(pull, vx), initial=1.0))))
+        h = h / np.maximum(STEPS_PER_DAMPING_TIME * h * _damping(pull, vx, rise), 1.0)
     h = np.maximum(h / more, 1e-6)
     velocity = np.stack([vx, vy])  # both along x and y, in front
     place = np.zeros_like(velocity)
     places, velocities = [place], [velocity]
     landed, steady = np.full(vx.shape, -1), False
-    for k in range(max(more * MOST, most)):
+    for k in range(more * (MOST_SLOW if slow else MOST)):
         for share in GRADED if steep and k == 0 else (1.0,):
             place, velocity = runge_kutta(pull, place, velocity, share * h)
         places.append(place)
@@ -131,11 +132,18 @@ def _skipped(above: Array, rise: Array, steady: Mask) -> Array:
     return np.asarray(np.maximum(above / sinking - 1.0, 0.0))
 
 
-def _damping(pull: Callable[[Array, Array], Array], vx: Array) -> Array:
-    """Rate [1/s] at which drag slows a slow bead."""
-    creeping = np.stack([np.zeros_like(vx), np.full_like(vx, CREEPING_SPEED)])
-    place = np.zeros_like(creeping)
-    return np.asarray((pull(place, -creeping) - pull(place, creeping))[1] / (2 * CREEPING_SPEED))
+def _apparent_gravity(pull: Callable[[Array, Array], Array], vx: Array, gravity: float) -> Array:
+    """Magnitude [m/s^2] of the acceleration of a bead at rest, at least a share `LIGHTEST` of gravity."""
+    rest = np.zeros((2, *vx.shape))
+    return np.asarray(np.maximum(np.abs(pull(rest, rest)[1]), LIGHTEST * gravity))
+
+
+def _damping(pull: Callable[[Array, Array], Array], vx: Array, rise: Array) -> Array:
+    """Rate [1/s] at which drag slows a bead that starts upwards at `rise` [m/s], or that creeps."""
+    speed = np.stack([np.zeros_like(vx), rise])
+    change = np.stack([np.zeros_like(vx), np.full_like(vx, CREEPING_SPEED)])
+    place = np.zeros_like(speed)
+    return np.asarray((pull(place, speed - change) - pull(place, speed + change))[1] / (2 * CREEPING_SPEED))
 
 
 def _finer(
@@ -148,12 +156,7 @@ def _finer(
             low, width = term.edges(*(values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters))
             squared = vy * vy + 2 * gravity * (gap - np.maximum(low, 0.0))  # of the speed at the lowest edge
             most = max(most, float(np.max(np.sqrt(np.maximum(squared, 0.0)) * h / width / EDGES_PER_STEP, initial=1.0)))
-    return _refinement(most)
-
-
-def _refinement(times: float) -> int:
-    """A refinement of the steps as a whole number, not beyond the finest."""
-    return int(np.clip(np.ceil(times), 1, FINEST)) if np.isfinite(times) else 1
+    return int(np.clip(np.ceil(most), 1, FINEST)) if np.isfinite(most) else 1
 
 
 def where(

@@ -20,7 +20,7 @@ from rigtwin.compare.diagnose.data.tracking_noise import noise_of
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
 from rigtwin.compare.diagnose.models.rows import LEAST_SCATTER, Beads, coefficients, shared
 from rigtwin.compare.diagnose.models.scattered import Scattered, of_pairs
-from rigtwin.compare.diagnose.models.sensitivities import SMALL, Mechanics
+from rigtwin.compare.diagnose.models.sensitivities import Mechanics
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.records import Track
@@ -41,6 +41,8 @@ LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted s
 SLOW_FALL = 0.8  # [g], acceleration below which a fall, in a liquid for example, begins with it; chosen
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
+# finite-difference step as a share of a visible change: a bead hardly heavier than its liquid is 30 times as sensitive
+FINE = 1e-5
 
 
 class DropBench:
@@ -48,7 +50,7 @@ class DropBench:
 
     bodies = 1
     onset = 0
-    small = SMALL
+    small = FINE
     per_run = ("conditions", "pair", "friction", "events", "active", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:
@@ -193,7 +195,7 @@ class DropBench:
         settings = 1 + len(flown)
         stack = np.repeat(values[None], settings, axis=0)
         for row, k in enumerate(flown, start=1):
-            stack[row, k] += 1e-3 * unknowns[k].step
+            stack[row, k] += self.small * unknowns[k].step
         by_name = {u.name: stack[:, k] for k, u in enumerate(unknowns)}
         vx, vy, gap, sine, cosine = self._starts(np.repeat(local[None], settings, axis=0), by_name)
         step_v, step_h = 1e-5, 1e-6  # [m/s], [m]
@@ -217,7 +219,7 @@ class DropBench:
         by_row = np.zeros((size + len(unknowns), len(true), 2))
         by_soft = np.zeros((size + len(unknowns), len(self.spans), 2 * n))
         for row, k in enumerate(flown, start=1):
-            step = 1e-3 * unknowns[k].step
+            step = self.small * unknowns[k].step
             by_row[size + k, :, 0], by_row[size + k, :, 1] = (x[row] - x[0]) / step, (y[row] - y[0]) / step
         velocity = np.stack([u[0], v[0]], axis=-1)
         within = [
@@ -298,7 +300,7 @@ class DropBench:
         count = size + len(unknowns)
         locals_ = np.repeat(local[None], 1 + count, axis=0)
         stack = np.repeat(values[None], 1 + count, axis=0)
-        steps = np.concatenate([1e-3 * self.local_step, [1e-3 * u.step for u in unknowns]])
+        steps = self.small * np.concatenate([self.local_step, [u.step for u in unknowns]])
         for k in range(size):
             locals_[1 + k, :, k] += steps[k]
         for k in range(len(unknowns)):
