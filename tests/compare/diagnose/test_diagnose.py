@@ -24,10 +24,10 @@ from rigtwin.compare.diagnose.models.sensitivities import slopes
 from rigtwin.compare.diagnose.page import page
 from rigtwin.compare.diagnose.selection import formula
 from rigtwin.compare.diagnose.selection.bent_laws import gained_beside
-from rigtwin.compare.diagnose.selection.candidate import Candidate
+from rigtwin.compare.diagnose.selection.candidate import Candidate, refused
 from rigtwin.compare.diagnose.selection.gap import beside, gap
 from rigtwin.compare.diagnose.selection.locate import Location, holm, locate
-from rigtwin.compare.diagnose.selection.name_effects import Naming
+from rigtwin.compare.diagnose.selection.name_effects import Naming, name_effects
 from rigtwin.compare.diagnose.selection.next_experiment import Setting, designs, separation
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.lab.errors import BadInput
@@ -485,6 +485,46 @@ def test_a_second_effect_gains_as_much_where_the_law_of_the_first_is_free(tmp_pa
     fewer, more = sets
     assert more.gain - fewer.gain > 100
     assert gained_beside(bench, fewer, more) == pytest.approx(more.gain - fewer.gain, rel=0.1)
+
+
+def test_what_an_effect_gains_on_part_of_the_data_is_reported_as_its_gain_on_all(tmp_path):
+    bench = bench_of(read_tracked_lab(write_drops(tmp_path / "lab", 12, heights=(0.1, 0.6), repetitions=8, drag=0.5)))
+    base, drags = fit(bench), ("linear_drag", "air_drag_power", "air_drag_standard", "air_drag_schiller_naumann")
+    listed = [named(name) for name in ("air_drag", *drags, "rolling_shutter", "perspective", "lens_distortion")]
+    found = name_effects(bench, listed, base, silent)
+    assert found.best.names == ("air_drag",)
+    screened = [one for one in found.tried if len(one.fitted.residual) < len(base.residual)]
+    assert len(screened) >= 3
+    for one in screened:
+        # the repetitions of the part are fewer than a half, and drawn as the others are
+        gained = base.deviance - fit(bench, one.terms, near=base).deviance
+        assert one.gain == pytest.approx(gained, rel=0.2)
+
+
+def sunk(folder, law, seed):
+    """A small lab of two beads that fall in a liquid, drawn by another code."""
+    write(Case("single", "drop", ("fluid",), (law,), "strong"), "lab", (107, seed), folder)
+    lab = folder / "labs" / "lab"
+    document = json.loads((lab / "lab.json").read_text())
+    first, *_, last = document["conditions"]
+    document["conditions"] = [{**one, "repetitions": 2} for one in (first, last)]
+    (lab / "lab.json").write_text(json.dumps(document))
+    return bench_of(read_tracked_lab(lab))
+
+
+def test_a_liquid_is_found_far_from_it_with_the_uncertain_part_of_its_drag_held_at_first(tmp_path):
+    bench = sunk(tmp_path, "water", 3)
+    best = name_effects(bench, [named("fluid")], fit(bench), silent).best
+    assert best.fitted.per_row < 1.2  # in another minimum 200, with a density of 1040
+    assert 996 < best.fitted.value("fluid.density") < 999
+
+
+def test_the_drag_of_a_liquid_is_not_fitted_beyond_the_uncertainty_of_its_formula(tmp_path):
+    drag = next(one for one in named("fluid").parameters if one.name == "excess_drag")
+    begin = {"fluid.density": 1000.0, "fluid.log_viscosity": 1.75}
+    found = fit(sunk(tmp_path, "oil", 1), (named("fluid"),), start=begin)
+    assert drag.low <= found.value("fluid.excess_drag") <= drag.high  # beyond, it would be refused for that
+    assert "excess_drag" not in refused(found, found.terms)
 
 
 @pytest.mark.slow
