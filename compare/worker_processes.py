@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import Any
 
-from rigtwin.lab.errors import WorkerEnded
+from rigtwin.lab.errors import BadInput, WorkerEnded
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -61,6 +61,25 @@ class Workers:
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
+def need_count(workers: object, option: str = "--workers") -> None:
+    """Refuse a number of processes that is none.
+
+    Parameters
+    ----------
+    workers : int or None
+        Number of processes, None for one per core.
+    option : str
+        The option that it comes from.
+
+    Raises
+    ------
+    BadInput
+        If it is neither None nor a whole number of at least 1.
+    """
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise BadInput(f"{option}: {workers!r} is not a whole number from 1 upwards; leave it out for one per core.")
+
+
 @contextmanager
 def spawned(
     jobs: int, workers: int | None = None, *, work: str = "worked", less: str = "use fewer --workers"
@@ -87,9 +106,12 @@ def spawned(
 
     Raises
     ------
+    BadInput
+        If `workers` is no number of processes.
     WorkerEnded
         If one of them ends unexpectedly.
     """
+    need_count(workers)
     others = set(multiprocessing.active_children())
     pool = Workers(max(1, min(workers or os.cpu_count() or 1, jobs)))
     try:

@@ -276,8 +276,9 @@ def sweep(
         for moved, mine in zip(settings, names, strict=True)
         for j, name in enumerate(mine)
     ]
+    computed_by = runner(cluster, workers, out / "runs")
     measured = [] if lab is None else _measured(setting.experiment, out, workers, progress)
-    done = _run(runs, out, runner(cluster, workers, out / "runs"), progress)
+    done = _run(runs, out, computed_by, progress)
     rows = [
         {**point, **row}
         for point, mine in zip(where, names, strict=True)

@@ -15,8 +15,9 @@ from pathlib import Path
 import psutil
 import pytest
 
+from rigtwin.compare.campaign.runners import runner
 from rigtwin.compare.worker_processes import spawned
-from rigtwin.lab.errors import WorkerEnded
+from rigtwin.lab.errors import BadInput, WorkerEnded
 
 ASKS = """
 import sys
@@ -52,6 +53,14 @@ def rests(written: Path) -> bool:
     before = written.stat().st_size
     time.sleep(1.0)
     return written.stat().st_size == before
+
+
+@pytest.mark.parametrize("workers", ["a", 0, -1, 1.5, True])
+def test_a_number_of_workers_that_is_none_is_refused_before_any_work(workers, tmp_path):
+    with pytest.raises(BadInput, match=f"^--workers: {workers!r} is not a whole number from 1 upwards"):
+        runner(None, workers, tmp_path)
+    with pytest.raises(BadInput, match=r"^--workers: "), spawned(1, workers):
+        pass
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
