@@ -13,7 +13,7 @@ from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Measured, folders, measuring
-from rigtwin.compare.preflight import need_fitting_media
+from rigtwin.compare.preflight import need_fitting_media, refused_twins
 from rigtwin.compare.twins.matched import set_by_hand
 from rigtwin.lab.file.lab_file import Lab, read_lab
 from rigtwin.lab.output_files import remove_leftovers
@@ -145,7 +145,7 @@ def measure_lab(
         if not any(one.known for one in found.values()):
             for one in found.values():
                 one.need_known()
-        remarks = () if len(experiments) == len(lab.experiments) else (PART,)
+        remarks = (*(() if len(experiments) == len(lab.experiments) else (PART,)), *refused_twins(lab, experiments))
         done = LabMeasurements(lab, tuple(found[one.id] for one in experiments), remarks=remarks)
         names = ("measurements.csv", "measurements.json")
         done.files.update({name: out / name for name in names})

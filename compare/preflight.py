@@ -79,6 +79,36 @@ def need_fitting_media(lab: Lab, experiments: Sequence[Experiment]) -> None:
         raise faulty(lab, faults)
 
 
+def refused_twins(lab: Lab, experiments: Sequence[Experiment]) -> list[str]:
+    """Return a warning for each experiment with stated sizes or numbers that its twin cannot have.
+
+    Parameters
+    ----------
+    lab : Lab
+        Lab of the experiments.
+    experiments : sequence of Experiment
+        Its experiments that are measured, without twins.
+
+    Returns
+    -------
+    list of str
+        Warnings, with the name of the experiment in front.
+    """
+    warnings = []
+    for experiment in experiments:
+        try:
+            entry_of(experiment).check(experiment, model=lab.model, frame_rate=None, count=None)
+        except TwinLacks:
+            continue
+        except BadInput as error:
+            fault = _of_twin(experiment, error, None)
+            key = f"{'.'.join(map(str, fault.key))}: " if fault.key else ""
+            warnings.append(
+                f"{experiment.id}: {key}{fault.why.rstrip('.')}; where the media show otherwise, a stated size is wrong"
+            )
+    return warnings
+
+
 def _all_rejected(experiment: Experiment, faults: list[Fault]) -> bool:
     """Whether nothing is left to be measured and nothing is stated, which is then added to `faults`."""
     if not experiment.rejected or experiment.repetitions or experiment.measured:

@@ -274,6 +274,21 @@ def test_a_failed_check_stands_beside_rows_that_do_not_rest_on_it(lab, capsys):
     assert {row.failed_check for row in measure_lab(lab, lab / "out", only=["drop"]).means} == {"gravity"}
 
 
+def test_sizes_that_no_twin_can_have_are_named_where_only_the_media_are_measured(tmp_path):
+    keys = 'id = "flow"\nrig = "hopper"\nparticle = "D6"\nwall = "PMMA"\nvariant = "slot"\nrepetitions = ["flow.csv"]\n'
+    shares = (200 * max(0.0, min(1.0, 1.25 - k / 120)) for k in range(200))
+    (tmp_path / "flow.csv").write_text(
+        "time_s,mass_left_g\n" + "\n".join(f"{k / 100:.2f},{share:.3f}" for k, share in enumerate(shares))
+    )
+    for outlet, words in (
+        ("2 mm", "outlet: the twin cannot be run: 2 mm lets no bead of 6.2 mm through"),
+        ("25 mm", ""),
+    ):
+        (tmp_path / "lab.toml").write_text(f'[[experiments]]\n{keys}outlet = "{outlet}"\ncount = 90\n')
+        found = [said for said in measure_lab(tmp_path, tmp_path / "out").warnings if "the twin cannot be run" in said]
+        assert [said.startswith(f"flow: {words}") for said in found] == [True] * bool(words)
+
+
 def test_a_mean_has_the_same_uncertainty_with_and_without_a_comparison(lab, tmp_path):
     (lab / "lab.toml").write_text(LAB.replace('particle = "D6"', 'particle = "own"'))
     with (lab / "lab.toml").open("a") as file:
