@@ -46,17 +46,17 @@ def show(found: Sweep, as_json: bool, quiet: bool) -> None:
             typer.echo(shown[columns].to_string(index=False, float_format="%.4g"))
     for reason in dict.fromkeys(row["doubtful"] for row in rows if row["doubtful"]):
         typer.echo(f"doubtful: {reason}")
-    for words in failures(found):
+    for words in warnings(found):
         typer.echo(words)
     typer.echo(f"{found.runs - len(found.failures)} of {found.runs} runs; wrote {found.files['sweep.csv'].parent}")
 
 
-def failures(found: Sweep) -> list[str]:
-    """The runs without a result, each with its reason."""
-    return [f"{name} failed: {why}" for name, why in found.failures.items()]
+def warnings(found: Sweep) -> list[str]:
+    """The runs without a result, each with its reason, and remarks on the files."""
+    return [*(f"{name} failed: {why}" for name, why in found.failures.items()), *found.remarks]
 
 
-@finished(show, failures)
+@finished(show, warnings)
 def sweep(
     subject: Annotated[
         str, typer.Argument(metavar="LAB|RIG", help="Lab folder with a lab.toml, or the name of a rig.")

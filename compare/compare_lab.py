@@ -11,7 +11,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -439,20 +438,8 @@ def _stale(lab: Lab, experiments: Sequence[Experiment], out: Path) -> Iterator[s
 
     Raises `BadInput` if it holds results of other experiments, which would be lost.
     """
-    try:
-        before = json.loads((out / "deviations.json").read_text(encoding="utf-8"))
-        source, names = Path(before["lab"]), [str(one["id"]) for one in before["experiments"]]
-    except (OSError, ValueError, LookupError, TypeError):  # no such file, or of another kind
-        return
-    others = [name for name in names if name not in {one.id for one in experiments}]
-    known = {one.id for one in lab.experiments}
-    lost = others if source.resolve() != lab.path.resolve() else [name for name in others if name in known]
-    if lost:
-        raise BadInput(
-            f"{out}: holds results of {', '.join(lost)} ({source}), which would be lost; give --out another "
-            "folder, or delete this one."
-        )
-    if others:
+    asked, known = ([one.id for one in each] for each in (experiments, lab.experiments))
+    if others := result_files.others_before(out, "deviations.json", lab.path, asked, known):
         yield f"{', '.join(others)}: no longer in {lab.path.name} nor in these tables; a folder of pictures may be left"
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.compare.deviation import COLUMNS, IDENTITY, Deviation
-from rigtwin.lab.errors import Claimed
+from rigtwin.lab.errors import BadInput, Claimed
 from rigtwin.lab.input_files import LARGEST_TABLE
 from rigtwin.lab.output_files import claimed_folder, remove_leftovers, replacing
 from rigtwin.lab.quantity import Quantity
@@ -79,6 +79,51 @@ def write_together(folder: Path, contents: Mapping[str, str | bytes]) -> dict[st
         with suppress(OSError):
             (folder / name).unlink()
     return {name: folder / name for name in contents}
+
+
+def others_before(
+    out: Path, document: str, lab: Path, names: Iterable[str], known: Iterable[str] | None = None
+) -> list[str]:
+    """Return which other experiments an earlier document in a folder holds that the lab no longer has.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of results.
+    document : str
+        Name of the JSON document, with the lab's path under "path" or "lab" and its "experiments".
+    lab : Path
+        The lab whose results are written there now.
+    names : iterable of str
+        Experiments that are written now.
+    known : iterable of str, optional
+        All experiments of the lab; by default any that was written before may be among them.
+
+    Returns
+    -------
+    list of str
+        Names of experiments.
+
+    Raises
+    ------
+    BadInput
+        If it holds results of another lab or of other experiments of this one, which would be lost.
+    """
+    try:
+        before = json.loads((out / document).read_text(encoding="utf-8"))
+        source = Path(before["path"] if "path" in before else before["lab"])
+        there = [str(one["id"] if isinstance(one, dict) else one) for one in before["experiments"]]
+    except (OSError, ValueError, LookupError, TypeError):  # no such file, or of another kind
+        return []
+    others = [name for name in there if name not in set(names)]
+    same = source.resolve() == lab.resolve()
+    lost = others if known is None or not same else [name for name in others if name in set(known)]
+    if lost:
+        raise BadInput(
+            f"{out}: holds results of {', '.join(lost)} ({source}), which would be lost; give --out another "
+            "folder, or delete this one."
+        )
+    return others
 
 
 def _figures_before(folder: Path, contents: Mapping[str, str | bytes]) -> Iterator[str]:

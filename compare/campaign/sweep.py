@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from statistics import fmean, stdev
@@ -61,6 +62,7 @@ class Sweep:
     """Why runs failed, by the name of the run."""
     runs: int
     files: dict[str, Path] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The document of `rigtwin sweep --json`."""
@@ -74,6 +76,7 @@ class Sweep:
             "runs": self.runs,
             "rows": list(self.rows),
             "failures": dict(self.failures),
+            "remarks": list(self.remarks),
             "files": {name: str(path) for name, path in self.files.items()},
         }
 
@@ -284,13 +287,29 @@ def sweep(
         for point, mine in zip(where, names, strict=True)
         for row in _rows(setting.experiment, measured, mine, done)
     ]
-    found = Sweep(setting, varied, where, tuple(rows), done.failures, len(runs))
+    found = Sweep(setting, varied, where, tuple(rows), done.failures, len(runs), remarks=tuple(_replaced(out, rows)))
     drawings = figure_files("sweep", figures(varied, rows, grid=design == "grid").values())
     columns = (*(one.name for one in varied), *SIMULATED)
     found.files.update({name: out / name for name in ("sweep.csv", "sweep.json", result_files.FIGURES)})
     table, document = result_files.table(rows, columns), result_files.document(found.to_json())
     result_files.write_in_turn(out, {"sweep.csv": table, "sweep.json": document, **drawings})
     return found
+
+
+def _replaced(out: Path, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """A remark if the tables in `out` hold rows of another sweep, which these `rows` replace."""
+    try:
+        before = json.loads((out / "sweep.json").read_text(encoding="utf-8"))
+        points, name, varied = before["rows"], str(before["experiment"]), ", ".join(before["varied"])
+    except (OSError, ValueError, LookupError, TypeError):  # no such file, or of another kind
+        return
+    now = json.loads(result_files.document({"rows": list(rows)}))["rows"]
+    if lost := [row for row in points if row not in now]:
+        yield (
+            f"sweep.csv and sweep.json in {out} held {len(lost)} other rows (a sweep of {name} over {varied}), which "
+            "are replaced; their runs are kept in runs/, and the same command writes them again: give --out another "
+            "folder to keep both tables"
+        )
 
 
 def _checked(setting: Setting, point: Point, count: int | None) -> Setting:

@@ -95,6 +95,7 @@ def diagnose_folder(
         else read_tracked_lab(folder, allow_outside=allow_outside)
     )
     with result_files.claimed(out):
+        _need_own_folder(out, lab)
         diagnosis = diagnose(lab, effects, progress)
         model, drawn = model_of(diagnosis), figures(diagnosis)
         remarks = [f"left out: {reason}" for reason in _not_carried(diagnosis).values()] + _assumed(diagnosis.lab)
@@ -107,6 +108,11 @@ def diagnose_folder(
             **figure_files("diagnosis", drawn.values()),
         }
         return diagnosis, result_files.write_together(out, contents)
+
+
+def _need_own_folder(out: Path, lab: TrackedLab | BulkLab) -> None:
+    """Refuse a folder with a diagnosis of other experiments, before the work."""
+    result_files.others_before(out, "diagnosis.json", lab.folder, [one.name for one in lab.conditions])
 
 
 def _bulk_lab(
@@ -123,6 +129,7 @@ def _diagnose_bulk(
     lab: BulkLab, out: Path, store: Path, seed: int, workers: int | None, cluster: str | None, progress: Progress
 ) -> tuple[BulkDiagnosis, dict[str, Path]]:
     with result_files.claimed(out):
+        _need_own_folder(out, lab)
         found = diagnose_bulk(lab, store, progress, seed=seed, workers=workers, cluster=cluster)
         drawn = bulk_figure(found)
         remarks = [f"left out: {reason}" for reason in not_in_the_model(found)]

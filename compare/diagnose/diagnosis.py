@@ -102,6 +102,8 @@ class Diagnosis:
             "strained": strained(calibrated),
             "scatter": scatter_found(self.bench, fitted) if fitted else [],
             "lab": self.lab.title,
+            "path": str(self.lab.folder.resolve()),
+            "experiments": [one.name for one in self.lab.conditions],
             "rig": self.lab.rig,
             "left_out": list(self.left_out),
             "where": [

@@ -107,6 +107,8 @@ class BulkDiagnosis:
             "verdict": self.verdict,
             "reason": self.reason,
             "lab": self.lab.title,
+            "path": str(self.lab.folder.resolve()),
+            "experiments": [one.name for one in self.lab.conditions],
             "rig": self.lab.rigs,
             "left_out": list(self.left_out),
             "where": [

@@ -269,6 +269,19 @@ def test_a_sweep_waits_for_another_that_writes_and_removes_what_a_killed_one_lef
 
 
 @pytest.mark.usefixtures("in_this_process")
+def test_a_sweep_names_the_rows_of_another_that_it_replaces(tmp_path, capsys):
+    def said(values):
+        words = ["sweep", "drop", "--set", "drop_height=0.2m", "--vary", f"wall_restitution={values}"]
+        assert run([*words, "--out", str(tmp_path)]) == 0
+        found, replaced = capsys.readouterr().out, "other rows (a sweep of drop over wall_restitution)"
+        assert replaced not in found or "give --out another folder to keep both tables" in found
+        return replaced in found
+
+    # the third has all rows of the second
+    assert [said(values) for values in ("0.4,0.8", "0.4,0.8", "0.4,0.6,0.8", "0.5")] == [False, False, False, True]
+
+
+@pytest.mark.usefixtures("in_this_process")
 def test_a_sweep_of_a_lab_has_the_measured_value_beside_the_twins(tmp_path, capsys):
     lab = tmp_path / "lab"
     lab.mkdir()

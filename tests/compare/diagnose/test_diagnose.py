@@ -252,7 +252,9 @@ def test_a_lab_without_an_effect_has_the_verdict_none(tmp_path):
     lab = write_drops(tmp_path / "lab", 11, beads=("heavy",), repetitions=3)
     diagnosis, files = diagnose_folder(lab, tmp_path / "out")
     assert diagnosis.verdict == "none"
-    assert json.loads(files["diagnosis.json"].read_text())["effects"] == []
+    document = json.loads(files["diagnosis.json"].read_text())
+    assert document["effects"] == []
+    assert document["experiments"] == ["heavy_100", "heavy_600"]
     assert "smallest effects" in diagnosis.next_experiment
     # six short tracks determine their noise to about 5 %, its square to twice that
     assert diagnosis.gap.before == pytest.approx(diagnosis.gap.noise_floor, abs=0.15)
@@ -708,6 +710,17 @@ def test_beads_that_never_fall_are_left_out_and_a_coordinate_that_was_not_measur
         write_track(file, time, np.column_stack([0 * time, 0 * time + int(file.parent.name[6:]) / 1000]))
     with pytest.raises(BadInput, match=r"nothing moves by more than 8 times the tracking noise .* in any of the 6 rep"):
         diagnose(read_tracked_lab(lab))
+
+
+def test_a_diagnosis_of_other_experiments_is_not_replaced(tmp_path):
+    lab = write_drops(tmp_path / "lab", 11, beads=("heavy",), heights=(0.1,), repetitions=3)
+    out = tmp_path / "out"
+    out.mkdir()
+    before = json.dumps({"path": str(lab), "experiments": ["heavy_100", "heavy_600"]})
+    (out / "diagnosis.json").write_text(before)
+    with pytest.raises(BadInput, match=r"holds results of heavy_600 \(.*--out another folder"):
+        diagnose_folder(lab, out)
+    assert (out / "diagnosis.json").read_text() == before
 
 
 def test_a_folder_without_a_lab_is_refused(tmp_path):
