@@ -77,6 +77,7 @@ class Silhouette:
     bead_seen: float = float("nan")  # bead radius from the picture alone, independent of stated sizes
     stated: float | None = None  # standard uncertainty of both ends of a base line that was stated
     contradicted: float = 0.0  # [px of the photo], from a base line that was stated to the one that is seen
+    unconfirmed: str = ""  # why the picture cannot confirm a base line that was stated
     depression_sigma: float = 0.0  # [deg], standard uncertainty of the view's depression where no disc gives it
 
     def in_photo(self, x: Array, height: Array) -> list[Point]:

@@ -107,6 +107,8 @@ def observe_photo(
             f"{photo}: no heap was found: {nothing.message}; give {' or '.join(advice)}.",
             replace(nothing.seen or Seen(), medium=photo),
         ) from None
+    if found.unconfirmed:
+        odd = (*odd, f"the stated base line is not confirmed: {found.unconfirmed}; check it in the overlay.")
     scale, scale_from = _scale(found, camera, base_diameter, bead_diameter)
     unit = scale if scale is not None else 1.0
     profile = _profile(found, found.view, found.height, unit, name)
