@@ -263,8 +263,11 @@ def _measured_and_run(
             measured[experiment.id].need_known()
         late = [one for one in wanted if one not in early]
         for one in late:
-            filmed[one.id], seen[one.id] = as_seen(one, measured[one.id].measurements, settings["count"])
-        run([filmed[one.id] for one in late], measured)
+            try:
+                filmed[one.id], seen[one.id] = as_seen(one, measured[one.id].measurements, settings["count"])
+            except BadInput as error:
+                without[one.id] = str(error).rstrip(".")
+        run([filmed[one.id] for one in late if one.id not in without], measured)
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     seconds["measuring, beside early twins"] = measured_after
     return _Ran(measured, twins, without, lost, filmed, seen, seconds)

@@ -5,21 +5,15 @@ from __future__ import annotations
 import math
 
 from rigtwin.compare.reproduce import paper_runs
+from rigtwin.compare.twins import run_cost
 from rigtwin.lab.reference import hlosta2020
 
-START = 5.0  # [s], compilation of the kernels
-BODY, SPHERE = 0.22e-6, 0.035e-6  # [s], cost of a time step for each body and for each of its spheres
-STEP = 0.3  # time step over the Rayleigh time step
 FALLING = 0.7  # average share of the bodies that are present while a rig is filled or drained
 
 
 def seconds(particle: str, count: float, lasts: float, *, stiffness_factor: float = hlosta2020.SOFTENING) -> float:
     """Run time [s] of a simulation of `count` particles over `lasts` [s] of simulated time."""
-    bead = hlosta2020.particle(particle)
-    step = STEP * bead.rayleigh_time_step / math.sqrt(stiffness_factor)
-    # the neighbour list of a long clump grows with the volume of its bounding sphere over that of the clump
-    neighbours = math.pi / 6 * bead.diameter**3 / bead.volume
-    return START + lasts / step * count * (BODY + SPHERE * len(bead.radii) * neighbours)
+    return run_cost.seconds(hlosta2020.particle(particle), count, lasts, stiffness_factor=stiffness_factor)
 
 
 def of_pile(particle: str, base_diameter: float, count: int | None = None) -> float:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
+from rigtwin.compare.twins.run_cost import need_usual_number
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.drum_flow import FILL, FLOWING, froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
@@ -192,7 +193,12 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
     def check_count(self, experiment: Experiment, count: int | None) -> None:
         from rigtwin.sim import drum
 
-        drum.check(self.rig(experiment).rig(), experiment.particle, count=count)
+        rig, particle = self.rig(experiment).rig(), experiment.particle
+        drum.check(rig, particle, count=count)
+        if count is None:
+            whence = f"the filling of a drum of {rig.diameter * 1e3:.4g} mm over the volume of a particle"
+            sizes = "diameter, depth and fill of the drum and the size of the particle"
+            need_usual_number("drum_diameter", drum.filled(rig, particle), particle, whence, sizes)
 
     def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
         return drum_twin(self.rig(experiment).rig(), cast, count=count, **run)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from rigtwin.compare.twins import run_cost
 from rigtwin.compare.twins.rig_entry import RigEntry, Settings, Stated
 from rigtwin.compare.twins.run_warnings import spoilt
 from rigtwin.compare.twins.twin import Twin, settings_of
@@ -130,6 +131,8 @@ class ManyBodyEntry(RigEntry[Settings]):
         assert experiment.wall is not None  # the lab file demands a wall for these rigs
         cast = Cast(experiment.particle, experiment.wall, contacts[1], contacts[0])
         filled = self.count(experiment, count)
+        if filled is not None and filled >= run_cost.MANY:
+            progress(f"twin of {experiment.id}: {run_cost.in_words(experiment.particle, filled)}", 0, 0)
         return self.filled_twin(experiment, cast, filled, seed=seed, effects=effects, progress=progress, **numerics)
 
 
@@ -154,6 +157,9 @@ def filling_count(rig: Weighed, particle: Particle, count: int | None) -> int:
     weighed = None if rig.total_mass is None else round(rig.total_mass / particle.mean_mass)
     if weighed == 0 and not rig.count:
         raise BadInput("total_mass: is less than half the mass of one particle; state the mass of all particles.")
+    if weighed is not None and not rig.count:
+        each = f"the stated mass over {particle.mean_mass * 1e3:.3g} g of a particle"
+        run_cost.need_usual_number("total_mass", weighed, particle, each, "both")
     filled = rig.count or weighed or count
     if not filled:
         raise TwinLacks("the number of particles is not known; add total_mass or count to the experiment.")

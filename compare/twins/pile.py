@@ -15,6 +15,7 @@ import numpy as np
 from rigtwin.compare import curve_overlays
 from rigtwin.compare.twins.many_body import Cast, Computed, ManyBodyEntry, bulk_twin
 from rigtwin.compare.twins.rig_entry import Stated
+from rigtwin.compare.twins.run_cost import need_usual_number
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import PACKING
@@ -176,8 +177,8 @@ def _volume(profile: Profile) -> tuple[float, float]:
 
 
 PILE_COUNT = 1000
-ROLLED_OFF = 2  # particles poured over those on a full base; more only fall off, and fewer may not fill it
 """Particles poured on a pile's twin where neither the lab file nor the command says how many."""
+ROLLED_OFF = 2  # particles poured over those on a full base; more only fall off, and fewer may not fill it
 
 
 class PileEntry(ManyBodyEntry[PileSettings]):
@@ -222,6 +223,8 @@ class PileEntry(ManyBodyEntry[PileSettings]):
             count = max(twice, PILE_COUNT)
             enough = f"twice the volume of the filmed heap, which reaches the edge of its base, is {twice} particles"
             said = f"{count} particles: {enough}{'' if count == twice else f', and at least {PILE_COUNT} are poured'}"
+        whence = f"the volume of the heap on a base of {rig.base_diameter * 1e3:.4g} mm over that of a particle"
+        need_usual_number("base_diameter", count, particle, whence, "the base and the size of the particle")
         try:
             self.check_count(experiment, count)
         except BadInput:

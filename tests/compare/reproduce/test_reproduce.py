@@ -19,6 +19,7 @@ from rigtwin.compare.reproduce.reproduce import Reproduction, drawn_figures, mar
 from rigtwin.compare.reproduce.studies import READINGS, studies
 from rigtwin.compare.reproduce.tables import TABLES, plan
 from rigtwin.compare.result_files import plain
+from rigtwin.compare.twins import run_cost
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.sim.engine.contact import ROLLING
@@ -580,9 +581,9 @@ def test_a_new_run_keeps_its_inputs(tmp_path):
 
 def test_a_run_costs_as_its_spheres_and_steps_and_the_quick_part_takes_minutes():
     bed, twice = run_time.of_bed("D6", 1500), run_time.of_bed("D6", 3000)
-    assert twice - run_time.START == pytest.approx(2 * (bed - run_time.START))
+    assert twice - run_cost.START == pytest.approx(2 * (bed - run_cost.START))
     stiff, soft = run_time.of_flow(5000, 1e8), run_time.of_flow(5000, 1e6)
-    assert stiff - run_time.START == pytest.approx(10 * (soft - run_time.START))
+    assert stiff - run_cost.START == pytest.approx(10 * (soft - run_cost.START))
     assert run_time.of_pile("C6", 0.15) > 5 * run_time.of_pile("P6x15", 0.15)
     quick = plan(None, quick=True, repetitions=None, seed=1).runs
     assert sum(run.cost for run in quick) / 2 < 600  # two cores

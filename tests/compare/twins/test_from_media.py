@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rigtwin.compare.twins.many_body import Cast
+from rigtwin.compare.twins.many_body import Cast, filling_count
 from rigtwin.compare.twins.pile import pile_twin
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.camera import Camera
@@ -18,7 +18,7 @@ from rigtwin.lab.materials import Contact
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Profile, Series
 from rigtwin.lab.reference import hlosta2020
-from rigtwin.lab.rigs import DrumSettings, HopperSettings, Pile, PileSettings, TiltSettings
+from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, Pile, PileSettings, TiltSettings
 
 BEAD, STEEL = hlosta2020.particle("D6"), hlosta2020.material("steel")
 
@@ -80,6 +80,24 @@ def test_a_heap_has_the_particles_that_its_volume_holds():
     assert said.endswith(" particles, and at least 1000 are poured")
     assert not any("particles" in one for one in assumed)
     assert completed(replace(base, count=500), media(profiles=(cone(0.1, 0.05),)))[0].count == 500
+
+
+def test_a_number_of_particles_that_no_bench_holds_is_refused_unless_it_is_stated(monkeypatch):
+    heap = media(profiles=(cone(0.19, 0.09),))
+    assert completed(PileSettings(0.4), heap)[0].count < 100_000
+    monkeypatch.setattr("rigtwin.compare.twins.run_cost.MOST_UNSTATED", 5000)
+    with pytest.raises(
+        BadInput, match=r"^base_diameter: the volume of the heap on a base of 400 mm .* second on one core"
+    ):
+        completed(PileSettings(0.4), heap)
+    assert completed(PileSettings(0.4, count=9000), heap)[0].count == 9000
+    with pytest.raises(BadInput, match=r"^total_mass: the stated mass over .* state count to run so many"):
+        filling_count(PackingSettings(0.1, total_mass=6000 * BEAD.mean_mass), BEAD, None)
+    assert filling_count(PackingSettings(0.1, count=6000), BEAD, None) == 6000
+    wide = experiment(DrumSettings(1.0, 0.6, depth=0.05))
+    with pytest.raises(BadInput, match=r"^drum_diameter: the filling of a drum of 1000 mm"):
+        entry_of(wide).check_count(wide, None)
+    entry_of(wide).check_count(wide, 6000)
 
 
 def test_a_hopper_names_what_it_assumes():
