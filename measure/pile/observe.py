@@ -30,6 +30,7 @@ from rigtwin.measure.pile.checks import (
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
 from rigtwin.measure.pile.figures import picture_marks, write_pictures
 from rigtwin.measure.pile.silhouette import find_heap, undo_view
+from rigtwin.measure.refusal import quarter_turned
 
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
@@ -103,8 +104,14 @@ def observe_photo(
             *(["its place with --region x,y,width,height"] if camera.region is None else []),
             *(["the line it stands on with --base x1,y1,x2,y2"] if camera.base is None else []),
         ]
+        upright = partial(find_heap, focal_length=focal_length, beads_across=ratio)
+        turned = (
+            ""
+            if camera.region or camera.stated_view
+            else quarter_turned(image, lambda other: upright(other).disc is not None)
+        )
         raise NothingToMeasure(
-            f"{photo}: no heap was found: {nothing.message}; give {' or '.join(advice)}.",
+            f"{photo}: no heap was found: {nothing.message}; {turned or 'give ' + ' or '.join(advice)}.",
             replace(nothing.seen or Seen(), medium=photo),
         ) from None
     if found.unconfirmed:

@@ -688,6 +688,19 @@ def base_of(scene: Scene) -> tuple[tuple[float, float], tuple[float, float]]:
     return (columns / 2 - half, 0.56 * rows), (columns / 2 + half, 0.56 * rows)
 
 
+@pytest.mark.parametrize(("quarters", "side"), [(1, "right"), (3, "left")])
+def test_a_photo_that_lies_on_its_side_is_refused_with_the_turn_that_sets_it_upright(
+    quarters: int, side: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "heap.png"
+    assert cv2.imwrite(str(path), np.rot90(draw(SCENES["steep, dark beads"]), quarters))
+    with pytest.raises(NothingToMeasure, match=f"turn the photo by a quarter to the {side}, then one is found"):
+        measure([path], Camera())
+    with pytest.raises(NothingToMeasure) as refused:  # stated places are those of the photo as it is
+        measure([path], Camera(region=(0.0, 0.0, 60.0, 60.0)))
+    assert "by a quarter" not in str(refused.value)
+
+
 def test_a_heap_on_a_stated_base_is_measured_where_no_base_is_found(tmp_path: Path) -> None:
     # disc and wall have one colour, so that nothing in the picture shows where the disc is
     scene = Scene(seed=5, disc=(200, 200, 200), wall=(150, 150, 150), noise=9.0)
