@@ -146,7 +146,9 @@ def test_the_documentation_describes_each_key_of_the_document(tmp_path, by_law):
     table = text.split("## The file diagnosis.json")[1].split("## ")[0]
     rows = [row for row in table.splitlines() if row.startswith("| `")]
     described = {key for row in rows for key in re.findall(r"`(\w+)`", row.split(" | ")[0])}
-    of_single_bodies = Diagnosis(SimpleNamespace(title="", rig="drop"), "none", "").to_json()
+    of_single_bodies = Diagnosis(
+        SimpleNamespace(title="", rig="drop", folder=tmp_path, conditions=()), "none", ""
+    ).to_json()
     assert described == set(found.to_json()) == {"twins", *of_single_bodies}
 
 
