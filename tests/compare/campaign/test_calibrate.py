@@ -154,9 +154,16 @@ def lab(tmp_path_factory):
     return folder
 
 
-def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path, capsys):
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """Where the records of that lab are measured once."""
+    return tmp_path_factory.mktemp("out")
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, out, capsys):
     asked = ["calibrate", str(lab), "--budget", "17", "--fit", "static_friction", "--fit", "rolling_friction"]
-    assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
+    assert run([*asked, "--json", "--out", str(out)]) == 0
     found = json.loads(capsys.readouterr().out)
     for name, value in {"static_friction": 0.5, "rolling_friction": 0.05}.items():
         assert found["intervals"][name]["low"] < value < found["intervals"][name]["high"]
@@ -165,12 +172,12 @@ def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path
     bed, *curves = found["predictions"]
     assert abs(bed["percent_deviation"]) < 3
     assert {row["quantity"] for row in curves} == {"outline of the bed"}
-    model = read_model(tmp_path / "model.toml")
+    model = read_model(out / "model.toml")
     assert model.known_contact("D6", "D6").static_friction == pytest.approx(found["best"]["static_friction"])
-    assert list(pd.read_csv(tmp_path / "posterior.csv").columns) == ["static_friction", "rolling_friction"]
+    assert list(pd.read_csv(out / "posterior.csv").columns) == ["static_friction", "rolling_friction"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rigtwin.compare.campaign.campaign.perform", None)  # nothing is run again
-        assert run([*asked, "--json", "--out", str(tmp_path)]) == 0
+        assert run([*asked, "--json", "--out", str(out)]) == 0
     again = json.loads(capsys.readouterr().out)
     assert again["best"] == found["best"]
 
@@ -189,8 +196,9 @@ def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, tmp_path
         (["--fit", "static_friction", "--fit", "static_friction@D6-D6"], "are the same parameter"),
     ],
 )
-def test_bad_input_is_one_sentence(more, why, lab, tmp_path, capsys):
-    assert run(["calibrate", str(lab), *more, "--out", str(tmp_path / "out")]) == 2
+@pytest.mark.usefixtures("in_this_process")
+def test_bad_input_is_one_sentence(more, why, lab, out, capsys):
+    assert run(["calibrate", str(lab), *more, "--out", str(out)]) == 2
     assert why in capsys.readouterr().err
 
 
