@@ -77,8 +77,9 @@ def lab(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def compared(lab) -> Path:
-    assert run(["compare", str(lab), "--out", str(lab / "out"), "--quiet"]) == 0
+def compared(lab, one_process) -> Path:
+    with one_process():
+        assert run(["compare", str(lab), "--out", str(lab / "out"), "--quiet"]) == 0
     return lab / "out"
 
 
@@ -110,6 +111,7 @@ def test_the_report_says_what_stands_for_all_sizes_and_the_stl_file_is_an_input(
     assert {"lab.toml", "ball.stl", "packing.jpg"} <= inputs
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_an_own_particle_is_swept(lab, tmp_path):
     asked = ["sweep", str(lab), "--only", "one", "--vary", "diameter=3mm,5mm", "--out", str(tmp_path), "--quiet"]
     assert run(asked) == 0
