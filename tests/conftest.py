@@ -1,6 +1,7 @@
 """Make `import rigtwin` work from a bare clone as it does from an install."""
 
 import importlib.util
+import os
 import signal
 import sys
 import threading
@@ -12,6 +13,11 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
+
+# each process of pytest-xdist has one core: threads for a second one cost time and gain none
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        os.environ.setdefault(threads, "1")
 
 # the first call of a heavy library takes longer than any deadline; the same examples every time
 settings.register_profile("rigtwin", deadline=None, derandomize=True)
