@@ -140,8 +140,8 @@ def test_the_examples_of_the_page_are_read_and_its_command_runs(tmp_path, monkey
     assert len(particles["pebble"].radii) <= 12
     monkeypatch.chdir(tmp_path)
     (command,) = re.findall(r"```\nrigtwin (simulate .*)\n```", PAGE)
-    smaller = command.replace("--count 400", "--count 60").replace("50mm", "25mm")
+    smaller = command.replace("--count 400", "--count 24").replace("50mm", "25mm")
     assert run([*smaller.split(), "--out", "out", "--quiet"]) == 0
     settings = json.loads((tmp_path / "out" / "quantities.json").read_text())["settings"]
-    assert settings["placed"] == 60
+    assert settings["placed"] == 24
     assert settings["particle"]["name"] == "pebble"

@@ -106,9 +106,9 @@ def test_the_facets_of_a_coarse_ball_are_no_reason_for_more_spheres():
 
 def test_a_changed_file_is_read_again(tmp_path):
     path = tmp_path / "grain.stl"
-    trimesh.creation.icosphere(subdivisions=3, radius=3.0).export(path)
+    trimesh.creation.icosphere(subdivisions=2, radius=3.0).export(path)
     first = filled_file(path, MM)
-    trimesh.creation.icosphere(subdivisions=4, radius=4.0).export(path)
+    trimesh.creation.icosphere(subdivisions=2, radius=4.0).export(path)
     assert filled_file(path, MM).clump.volume > 2 * first.clump.volume
 
 
