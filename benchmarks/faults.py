@@ -47,8 +47,8 @@ LONGEST = 300  # [s], of one command
 CLIP = Path(__file__).resolve().parent.parent / "sample_media" / "drop" / "r01.mp4"
 MEASURE = ("--frame-rate", "240Hz", "--bead-diameter", "6mm", "--quiet", *small((), ("--end", "115f")))
 SIMULATE = (
-    "simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", small("150", "40"), "--threads", "1",
-    "--quiet",
+    "simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", small("150", "40"),
+    "--threads", "1", "--quiet",
 )  # fmt: skip
 SWEEP = (
     "sweep", "packing", "--set", "cylinder_diameter=40mm", "--wall", "PMMA", "--count", "60",

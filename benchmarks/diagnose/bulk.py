@@ -76,11 +76,11 @@ class World:
 Rig = tuple[str, RigSettings, float]
 """Name of a condition, its settings, and the size of its beads over the usual one."""
 RIGS: dict[str, Rig] = {
-    "pile": ("pile", PileSettings(0.09, 0.005, count=small(550, 120), variant="pouring", tube_diameter=0.058,
+    "pile": ("pile", PileSettings(0.09, 0.005, count=small(550, 50), variant="pouring", tube_diameter=0.058,
                                   lift_speed=0.12), 1.0),
-    "wide pile": ("wide pile", PileSettings(0.11, 0.005, count=small(800, 120), variant="pouring", tube_diameter=0.07,
+    "wide pile": ("wide pile", PileSettings(0.11, 0.005, count=small(800, 50), variant="pouring", tube_diameter=0.07,
                                             lift_speed=0.12), 1.0),
-    "fine pile": ("fine pile", PileSettings(0.06, 0.0033, count=small(550, 120), variant="pouring",
+    "fine pile": ("fine pile", PileSettings(0.06, 0.0033, count=small(550, 50), variant="pouring",
                                             tube_diameter=0.0387, lift_speed=0.12), 0.667),
     "packing": ("packing", PackingSettings(0.05, count=small(500, 120)), 1.0),
     "wide packing": ("wide packing", PackingSettings(0.065, count=small(700, 120)), 1.0),

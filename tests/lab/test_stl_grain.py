@@ -91,7 +91,8 @@ def test_a_sphere_is_one_sphere_whatever_its_unit(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=3.0)
     ball.export(tmp_path / "ball.stl")
     (tmp_path / "text.stl").write_text(trimesh.exchange.stl.export_stl_ascii(ball))
-    for path, unit in (("ball.stl", MM), ("text.stl", MM), ("ball.stl", 0.0254)):
+    assert read_stl(tmp_path / "text.stl", MM).volume == pytest.approx(read_stl(tmp_path / "ball.stl", MM).volume)
+    for path, unit in (("text.stl", MM), ("ball.stl", 0.0254)):
         found = filled_file(tmp_path / path, unit, spheres=20)
         (radius,) = found.clump.radii
         assert radius == pytest.approx(3 * unit, rel=2e-3)

@@ -114,7 +114,7 @@ def test_a_weak_friction_drop_is_found_from_the_wrong_side_of_zero(tmp_path):
     assert found.value("friction_drop.drop") == pytest.approx(0.0034, abs=3 * found.std("friction_drop.drop"))
 
 
-SLIDE_EFFECTS = ("friction_drop", "sliding_speed", "contact_adhesion")
+SLIDE_EFFECTS = ("friction_drop", "sliding_speed", "lens_distortion", "rolling_shutter", "contact_adhesion")
 
 
 def test_friction_that_changes_with_the_speed_is_named_with_its_slope(tmp_path):
