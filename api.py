@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -47,7 +48,7 @@ def measure(
     *media : str or pathlib.Path
         One clip, or one or more photos of the same bed or heap.
     out : str or pathlib.Path, optional
-        Folder for overlay pictures, plot and record.  Without it they go into a temporary folder that is removed.
+        Folder for overlay pictures, plot and record.  Without it none are made.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
     **settings : str, float, int, pathlib.Path, sequence of str or None
@@ -77,8 +78,6 @@ def measure(
     >>> round(m.value("restitution_wall", method="velocity", bounce=1), 2)
     0.41
     """
-    from tempfile import TemporaryDirectory
-
     from rigtwin.commands import measure as commands
     from rigtwin.commands.output_folder import claimed
     from rigtwin.commands.run_command import media_of
@@ -95,18 +94,10 @@ def measure(
             f"measure {rig}: {len(paths)} media are given; give {'at least one photo' if many else 'one clip'}."
         )
     work = _work(command, {positional: paths if many else paths[0]}, settings)
-    if out is not None:
-        folder = _path("out", out)
-        with claimed(folder):
-            kept: Measurement = _run(work, out=folder, progress=progress or silent)
-        return kept
-    with TemporaryDirectory(prefix="rigtwin-") as passing:
-        try:
-            measurement: Measurement = _run(work, out=Path(passing), progress=progress or silent)
-        except BadInput as refused:
-            refused.picture = None  # it goes with the folder
-            raise
-    return measurement.without_files()
+    folder = None if out is None else _path("out", out)
+    with nullcontext() if folder is None else claimed(folder):
+        measurement: Measurement = _run(work, out=folder, progress=progress or silent)
+    return measurement
 
 
 def simulate(rig: RigName | Literal["custom"], *, progress: Progress | None = None, **settings: Setting) -> Twin:

@@ -13,7 +13,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
@@ -266,10 +266,16 @@ def run(arguments: list[str]) -> int:
     return code
 
 
+@cache
+def _command() -> Any:
+    """All commands with their options; to read them off the functions takes a tenth of a second."""
+    return typer.main.get_command(app)
+
+
 def _run(arguments: list[str]) -> int:
     as_json = "--json" in arguments
     try:
-        code = app(arguments, prog_name="rigtwin", standalone_mode=False)
+        code = _command()(arguments, prog_name="rigtwin", standalone_mode=False)
     except typer.TyperException as error:  # unknown option, missing argument
         if type(error).__name__ == "NoArgsIsHelpError":  # a group alone: its words are the whole help page
             typer.echo(error.format_message(), err=True)

@@ -39,15 +39,16 @@ from rigtwin.compare.reproduce.tables import plan
 
 SEED = int(os.environ.get("SEED", "1"))
 COUNT = int(os.environ.get("COUNT", str(small(10, 1))))
-TASKS = small(6, 3)  # commands that are disturbed
-LEVELS = small(20, 2)  # of room on a disk
+TASKS = small(6, 2)  # commands that are disturbed
+LEVELS = small(20, 1)  # of room on a disk
 LARGEST_LEVEL = 400_000  # [bytes]; each command here writes more in all, and each file of it less
 LONGEST = 300  # [s], of one command
 
 CLIP = Path(__file__).resolve().parent.parent / "sample_media" / "drop" / "r01.mp4"
-MEASURE = ("--frame-rate", "240Hz", "--bead-diameter", "6mm", "--quiet")
+MEASURE = ("--frame-rate", "240Hz", "--bead-diameter", "6mm", "--quiet", *small((), ("--end", "115f")))
 SIMULATE = (
-    "simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", "150", "--threads", "1", "--quiet",
+    "simulate", "pile", "--base-diameter", "50mm", "--rim-height", "6mm", "--count", small("150", "40"),
+    "--threads", "1", "--quiet",
 )  # fmt: skip
 SWEEP = (
     "sweep", "packing", "--set", "cylinder_diameter=40mm", "--wall", "PMMA", "--count", "60",

@@ -469,10 +469,6 @@ class Measurement(Readable):
 
         return record_figure(self.tracks, self.profiles, self.series)
 
-    def without_files(self) -> Measurement:
-        """Return the measurement without the names of written files."""
-        return replace(self, files={})
-
 
 def reworded(found: Any, change: Callable[[str], str] = reword) -> Any:
     """Return a result with all its texts in other words.

@@ -1,17 +1,23 @@
 """Make `import rigtwin` work from a bare clone as it does from an install."""
 
 import importlib.util
+import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
+
+# each process of pytest-xdist has one core: threads for a second one cost time and gain none
+if "PYTEST_XDIST_WORKER" in os.environ:
+    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        os.environ.setdefault(threads, "1")
 
 # the first call of a heavy library takes longer than any deadline; the same examples every time
 settings.register_profile("rigtwin", deadline=None, derandomize=True)
@@ -33,7 +39,7 @@ if importlib.util.find_spec("rigtwin") is None:
 ENGINE = ("tests/sim/", "tests/compare/", "tests/test_cli.py", "tests/test_api.py", "tests/lab/test_clumps.py")
 NO_ENGINE = ("tests/compare/diagnose/",)
 # next to nothing is shared among these: they fill up the process that would be ready first
-SINGLE = ("tests/measure/hopper/", "tests/measure/drum/", "tests/measure/tracking/")
+SINGLE = ("tests/measure/hopper/", "tests/measure/drum/")
 
 
 def process_of(test: str) -> str:
@@ -78,11 +84,25 @@ class AtOnce(Executor):
         return done
 
 
+@contextmanager
+def _in_one_process() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for place in ("measure_repetitions", "campaign.runners"):
+            patch.setattr(f"rigtwin.compare.{place}.spawned", lambda *_, **__: nullcontext(AtOnce()))
+        yield
+
+
+@pytest.fixture(scope="session")
+def one_process() -> Callable[..., AbstractContextManager[None]]:
+    """`with one_process():` as `in_this_process`, for fixtures that several tests share."""
+    return _in_one_process
+
+
 @pytest.fixture
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def in_this_process() -> Iterator[None]:
     """`compare` and `reproduce` work here: for tests of what they find, not of the processes that find it."""
-    for place in ("measure_repetitions", "campaign.runners"):
-        monkeypatch.setattr(f"rigtwin.compare.{place}.spawned", lambda *_, **__: nullcontext(AtOnce()))
+    with _in_one_process():
+        yield
 
 
 class PowerCut(Exception):

@@ -26,6 +26,12 @@ def drop():
     return rigtwin.measure("drop", CLIP, frame_rate="240 Hz", bead_diameter="6.2 mm")
 
 
+@pytest.fixture(scope="module")
+def wrong():
+    """The same film with half its frame rate."""
+    return rigtwin.measure("drop", CLIP, frame_rate="120 Hz", bead_diameter="6.2 mm")
+
+
 def test_measure_gives_what_the_command_gives(drop, tmp_path, capsys):
     said = ["measure", "drop", str(CLIP), "--frame-rate", "240Hz", "--bead-diameter", "6.2mm"]
     assert cli.run([*said, "--json", "--quiet", "--out", str(tmp_path)]) == 0
@@ -33,9 +39,11 @@ def test_measure_gives_what_the_command_gives(drop, tmp_path, capsys):
     assert [quantity.to_json() for quantity in drop.quantities] == document["quantities"]
 
 
-def test_numbers_are_taken_in_si(drop):
-    plain = rigtwin.measure("drop", str(CLIP), frame_rate=240, bead_diameter=6.2e-3)
+def test_numbers_are_taken_in_si_and_with_out_the_files_stand_there(drop, tmp_path):
+    plain = rigtwin.measure("drop", str(CLIP), out=tmp_path, frame_rate=240, bead_diameter=6.2e-3)
     assert plain.quantities == drop.quantities
+    assert plain.files
+    assert all(path.is_file() and path.parent == tmp_path for path in plain.files.values())
 
 
 def test_value_and_table_hold_the_same_number(drop):
@@ -67,12 +75,6 @@ def test_a_plot_shows_the_track(drop):
 
 def test_without_out_no_files_are_named(drop):
     assert drop.files == {}
-
-
-def test_with_out_the_files_stand_there(tmp_path):
-    found = rigtwin.measure("drop", CLIP, out=tmp_path, frame_rate="240 Hz", bead_diameter="6.2 mm")
-    assert found.files
-    assert all(path.is_file() and path.parent == tmp_path for path in found.files.values())
 
 
 def test_a_twin_has_values_and_a_table():
@@ -138,18 +140,16 @@ def test_a_number_that_is_not_whole_or_out_of_range_is_refused_with_the_range(en
     assert api._read("n", 2, parameter) == 2
 
 
-def test_doubts_and_warnings_name_the_keyword():
-    found = rigtwin.measure("drop", CLIP, frame_rate="120 Hz", bead_diameter="6.2 mm")
-    said = [*found.warnings, *(one.message for one in found.checks), *(one.doubtful for one in found.quantities)]
+def test_doubts_and_warnings_name_the_keyword(wrong):
+    said = [*wrong.warnings, *(one.message for one in wrong.checks), *(one.doubtful for one in wrong.quantities)]
     assert any("leave out frame_rate." in sentence for sentence in said)
     assert not any("--" in sentence for sentence in said)
 
 
-def test_a_measurement_shows_its_numbers_and_doubts_and_no_records(drop):
+def test_a_measurement_shows_its_numbers_and_doubts_and_no_records(drop, wrong):
     assert repr(drop).startswith("<Measurement of a drop, r01.mp4")
     assert "restitution_wall (velocity, bounce=1) = 0.41" in repr(drop)
     assert "doubtful" not in repr(drop)
-    wrong = rigtwin.measure("drop", CLIP, frame_rate="120 Hz", bead_diameter="6.2 mm")
     assert "mm, doubtful\n" in repr(wrong)
     assert len(repr(drop)) < 2000
     assert len(repr(rigtwin.simulate("drop", particle="D6", wall="steel", drop_height=0.2))) < 2000
@@ -177,6 +177,7 @@ def test_a_stated_place_may_be_a_tuple_of_numbers():
     assert api._joined((90, "mm")) == (90, "mm")
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_lab_is_compared_with_the_options_of_the_command(tmp_path):
     """Without effects the restitution of the twin is that of the contact."""
     (tmp_path / "model.toml").write_text("[contacts.D6-steel]\nrestitution = 0.7\n", encoding="utf-8")

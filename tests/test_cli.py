@@ -287,6 +287,7 @@ def test_an_option_that_no_twin_of_the_lab_takes_is_refused(tmp_path, capfd, opt
     refused(["compare", lab_with(tmp_path), option, value], capfd, option, "drop-D6-steel")
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_the_rolling_model_of_a_comparison_is_that_of_its_twins(tmp_path, capfd, monkeypatch):
     asked: dict[str, Any] = {}
 
@@ -980,7 +981,7 @@ def test_what_to_ask_less_of_fits_the_command_that_ran_out_of_memory(arguments, 
     def short_of_memory(*_: object, **__: object) -> None:
         raise OSError(errno.ENOMEM, "Cannot allocate memory")
 
-    monkeypatch.setattr("rigtwin.cli.app", short_of_memory)
+    monkeypatch.setattr("rigtwin.cli._command", lambda: short_of_memory)
     refused(arguments, capfd, advice)
 
 
@@ -988,7 +989,7 @@ def test_a_full_disk_that_no_error_names_is_no_fault_of_rigtwin(monkeypatch, cap
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("rigtwin.cli.app", full)
+    monkeypatch.setattr("rigtwin.cli._command", lambda: full)
     refused(["measure", "drop", "x.mp4"], capfd, "no space left on device; free some space")
 
 
@@ -1020,5 +1021,5 @@ def test_a_decoder_without_a_thread_is_no_fault_of_rigtwin(monkeypatch, capfd):
 
         raise av.error.BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
 
-    monkeypatch.setattr("rigtwin.cli.app", no_thread)
+    monkeypatch.setattr("rigtwin.cli._command", lambda: no_thread)
     refused(["measure", "drop", "x.mp4"], capfd, "no further thread", "shorter clip")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -270,7 +271,12 @@ class Posterior:
         _, emulated = self._predict(unit)
         return np.asarray(emulated**2 / (self._scatter**2 + np.diag(self._read) + emulated**2))
 
-    @property
+    @cached_property
+    def _measured(self) -> Array:
+        """Covariance between measurements and twins without the emulators', shape (k, k); asked for at each step."""
+        return np.asarray(self.correlation * np.outer(self._scatter, self._scatter) + self._read)
+
+    @cached_property
     def _scatter(self) -> Array:
         """Standard deviation between measurement and twin without the emulator's, shape (k,)."""
         return np.array([scatter(one, two.noise) for one, two in zip(self.targets, self.emulators, strict=True)])
@@ -290,10 +296,8 @@ class Posterior:
     def _misfit(self, unit: Array) -> tuple[Array, Array]:
         mean, emulated = self._predict(unit)
         off = np.array([one.value for one in self.targets]) - mean
-        scatter = self._scatter
-        measured = self.correlation * np.outer(scatter, scatter) + self._read
         floor = np.finfo(float).eps * np.maximum(np.abs(mean), 1e-12) ** 2  # a quantity that never scatters
-        covariance = measured + np.apply_along_axis(np.diag, 1, emulated**2 + floor)
+        covariance = self._measured + (emulated**2 + floor)[:, :, None] * np.eye(len(self.targets))
         square = np.einsum("nk,nk->n", off, np.linalg.solve(covariance, off[..., None])[..., 0])
         return square, covariance
 

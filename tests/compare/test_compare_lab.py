@@ -647,6 +647,7 @@ def test_json_holds_no_nan_and_no_infinity():
     assert json.loads(text, parse_constant=pytest.fail) == {"a": None, "b": [None, 3], "c": "x", "d": [1.0]}
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_rejected_repetition_is_not_measured_and_listed_with_its_reason(lab, tmp_path):
     for name in ("day1", "day2"):
         shutil.copytree(lab / name, tmp_path / name)

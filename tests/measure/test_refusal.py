@@ -29,7 +29,7 @@ def film(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("film") / "circling.avi"
     rng = np.random.default_rng(5)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), 30, (320, 240))
-    for index in range(60):
+    for index in range(41):  # once around
         picture = np.full((240, 320, 3), 120.0) + rng.normal(0, 2, (240, 320, 1))
         turn = 2 * math.pi * index / 40
         cv2.circle(picture, (round(160 + 60 * math.cos(turn)), round(120 + 60 * math.sin(turn))), 8, (30, 30, 30), -1)
@@ -122,10 +122,10 @@ def test_every_stated_place_has_a_mark():
 
 
 def test_a_measurement_removes_the_picture_of_an_earlier_refusal(tmp_path):
-    film = Path(rigtwin.__file__).parent / "sample_media" / "drop" / "r01.mp4"
-    left = tmp_path / f"{film.stem}-seen.png"
+    photo = Path(rigtwin.__file__).parent / "sample_media" / "pile" / "view1.jpg"
+    left = tmp_path / f"{photo.stem}-seen.png"
     left.write_bytes(b"")
-    rigtwin.measure("drop", film, out=tmp_path, bead_diameter="12 mm")
+    rigtwin.measure("pile", photo, out=tmp_path)
     assert not left.exists()
 
 

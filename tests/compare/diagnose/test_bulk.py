@@ -231,6 +231,7 @@ rolling_friction = 0.0
     return folder
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_piles_of_a_lab_toml_are_diagnosed_too(tmp_path, by_law):
     found, _ = diagnose_folder(notebook(write(tmp_path / "lab", PILES, roll=math.radians(4))), tmp_path / "out")
     assert (found.verdict, found.naming.best.names) == ("named", ("camera_roll",))
@@ -241,6 +242,7 @@ def test_piles_of_a_lab_toml_are_diagnosed_too(tmp_path, by_law):
     assert [one.name for one in found.lab.conditions] == ["base90"]
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_experiments_of_a_lab_toml_with_other_rigs_are_left_out_with_a_word(tmp_path, by_law):
     lab = notebook(write(tmp_path / "lab", PILES))
     with (lab / "lab.toml").open("a") as file:

@@ -62,6 +62,7 @@ def test_every_option_that_states_something_of_a_film_is_a_key(rig):
     assert not left
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_refused_repetition_of_a_lab_is_told_by_its_keys(tmp_path, capfd):
     lab = drop(tmp_path, 'centre = ["900:200,90"]')
     assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 2
@@ -71,6 +72,7 @@ def test_a_refused_repetition_of_a_lab_is_told_by_its_keys(tmp_path, capfd):
     assert "--centre" not in said
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_so_are_its_warnings(tmp_path, capfd):
     lab = drop(tmp_path)
     assert run(["measure", str(lab), "--out", str(tmp_path / "out"), "--json"]) == 0
@@ -97,6 +99,7 @@ diameter = "6.2 mm"
 """
 
 
+@pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize(("own", "place"), [("", "D6 (taken from the reference)"), (OWN, "[particles.D6]")])
 def test_a_section_of_a_particle_is_named_where_there_is_one(tmp_path, capfd, own, place):
     shutil.copy(MEDIA / "pile" / "view1.jpg", tmp_path)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rigtwin.cli import run
-from rigtwin.lab.camera import STATED_SIGMA, Camera, Seed, span
+from rigtwin.lab.camera import STATED_SIGMA, Camera, Moment, Seed, span
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.file.lab_file import read_lab
 from rigtwin.measure.drop import measurement as drop
@@ -33,11 +33,20 @@ def value(result, quantity, method):
 
 
 def measured(clip, *centres, **camera):
-    return drop.measure(clip, Camera(centre=centres, **camera), bead_diameter=BEAD)
+    """The fall and the first two impacts."""
+    return drop.measure(clip, Camera(centre=centres, end=Moment(115, "frame"), **camera), bead_diameter=BEAD)
 
 
 def tilted(clip, *centres):
     return tilt.measure(clip, Camera(frame_rate=100.0, scale=5e-4, centre=centres), variant="slide")
+
+
+SWING = Camera(frame_rate=240.0, end=Moment(120, "frame"))
+
+
+@pytest.fixture(scope="module")
+def swung():
+    return pendulum.measure(DOUBLE, SWING)
 
 
 @pytest.fixture(scope="module")
@@ -109,29 +118,27 @@ def covered(target, places, clip=CLIP):
     return target
 
 
-def test_a_stated_centre_is_that_of_the_bead_next_to_it():
-    camera = Camera(frame_rate=240.0)
-    a, b = tracks(pendulum.measure(DOUBLE, camera))
+def test_a_stated_centre_is_that_of_the_bead_next_to_it(swung):
+    a, b = tracks(swung)
     frame = next(frame for frame in a if frame > 20 and frame in b)
     (xa, ya), (xb, yb) = a[frame], b[frame]
     stated = Seed(frame, (xb + 3, yb)), Seed(frame, (xa - 2, ya))
-    first, second = tracks(pendulum.measure(DOUBLE, replace(camera, centre=stated)))
+    first, second = tracks(pendulum.measure(DOUBLE, replace(SWING, centre=stated)))
     assert first[frame] == pytest.approx((xa - 2, ya), abs=0.01)
     assert second[frame] == pytest.approx((xb + 3, yb), abs=0.01)
 
 
 @pytest.mark.parametrize("away", [20, pytest.param(120, marks=pytest.mark.slow)])
-def test_a_centre_of_a_pendulum_that_is_far_from_its_bead_is_named(away):
-    camera = Camera(frame_rate=240.0)
-    a, _ = tracks(pendulum.measure(DOUBLE, camera))
+def test_a_centre_of_a_pendulum_that_is_far_from_its_bead_is_named(swung, away):
+    a, _ = tracks(swung)
     x, y = a[30]
-    moved = pendulum.measure(DOUBLE, replace(camera, centre=(Seed(30, (x, y + away)),)))
+    moved = pendulum.measure(DOUBLE, replace(SWING, centre=(Seed(30, (x, y + away)),)))
     (said,) = [each for each in moved.warnings if "stated" in each]
     assert said.startswith(f"--centre 30:{x:g},{y + away:g} is used as stated, but lies {away} px from the body")
 
 
 def test_two_centres_that_both_beads_of_a_pendulum_cannot_have_are_refused():
-    camera = Camera(frame_rate=240.0, centre=(Seed(30, (300.0, 300.0)), Seed(30, (303.0, 300.0))))
+    camera = replace(SWING, centre=(Seed(30, (300.0, 300.0)), Seed(30, (303.0, 300.0))))
     with pytest.raises(
         BadInput, match=r"--centre 30:300,300 and --centre 30:303,300 are 3 px apart.*leave one of them"
     ):
@@ -198,5 +205,5 @@ def test_it_is_an_option_of_the_command_and_a_key_of_lab_toml(tmp_path, capfd):
     camera = read_lab(tmp_path).experiment("drop").camera
     assert camera.centre == (Seed(40, (214.1, 241.4)), Seed(41, (214.0, 249.0)))
     stated = [word for text in ("40:214.1,241.4", "41:214,249") for word in ("--centre", text)]
-    assert run(["measure", "drop", str(CLIP), "--bead-diameter", "6mm", *stated, "--json"]) == 0
+    assert run(["measure", "drop", str(CLIP), "--bead-diameter", "6mm", "--end", "115f", *stated, "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["camera"]["stated"] == ["centre"]
