@@ -15,8 +15,8 @@ from rigtwin.benchmarks.diagnose.independent_labs_fluids import (
     brown_lawler,
     buoyed,
     constant,
-    oseen,
     schiller_naumann,
+    white,
 )
 from rigtwin.benchmarks.diagnose.independent_labs_types import Array, Hidden, Lab, Make, Rng, Sized, Sphere, combined
 
@@ -69,7 +69,7 @@ def water(rng: Rng, _lab: Lab) -> Sized:
 
 def oil(rng: Rng, _lab: Lab) -> Sized:
     oil = Fluid(float(rng.uniform(870, 965)), float(rng.uniform(0.05, 0.35)))
-    law = abraham if oil.viscosity < 0.15 else oseen
+    law = abraham if oil.viscosity < 0.15 else white
     return lambda size: combined([against(law, oil, size), buoyed(oil, size)])
 
 

@@ -32,9 +32,9 @@ def abraham(reynolds: float) -> float:
     return 0.2924 * (1 + 9.06 / math.sqrt(reynolds)) ** 2
 
 
-def oseen(reynolds: float) -> float:
-    """Drag coefficient; Oseen 1910, for Reynolds numbers below about 1."""
-    return 24 / reynolds * (1 + 3 / 16 * reynolds)
+def white(reynolds: float) -> float:
+    """Drag coefficient; White 1991, chapter 3, up to a Reynolds number of 2e5."""
+    return 24 / reynolds + 6 / (1 + math.sqrt(reynolds)) + 0.4
 
 
 def constant(value: float) -> Callable[[float], float]:

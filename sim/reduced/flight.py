@@ -16,9 +16,10 @@ STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubi
 MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid until its velocity is constant
 EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
 FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
-STEPS_PER_DAMPING_TIME = 1.5  # the paths of beads in liquids are then right to 0.1 %
+STEPS_PER_DAMPING_TIME = 1.5  # the paths of beads in liquids are then within 0.1 % of finer ones
+BISECTIONS = 12  # the speed is then right to a four thousandth of its upper bound; it decides on steps only
 STEADY = 1e-9  # relative change of the velocity in a step, below which it counts as constant; chosen near rounding
-CREEPING_SPEED = 1e-4  # [m/s], speed at which the damping time of a slow bead is taken
+CREEPING_SPEED = 1e-4  # [m/s], change of the velocity from which the damping time is taken
 LIGHTEST = 0.01  # [gravity], apparent gravity for which the steps of a nearly neutral bead in a liquid are made
 FINE = 16  # sub-steps of the first and the last step for a steep force
 GRADED = 2.0 * np.arange(1, FINE + 1) / (FINE * (FINE + 1))
@@ -76,13 +77,9 @@ def fly(
         return np.stack([ax, ay])
 
     steep = any(term.steep for term in terms)
-    rise = np.maximum(vy, 0.0)
     slow = any(term.slow for term in terms)
-    weight = _apparent_gravity(pull, vx, gravity) if slow else gravity
-    h = (vy + np.sqrt(rise * rise + 2 * weight * gap)) / weight / STEPS
+    h = _steps(pull, vx, vy, gap, gravity, slow=slow)
     more = _finer(np.maximum(h, 1e-6), vy, gap, gravity, terms, values)
-    if slow:
-        h = h / np.maximum(STEPS_PER_DAMPING_TIME * h * _damping(pull, vx, rise), 1.0)
     h = np.maximum(h / more, 1e-6)
     velocity = np.stack([vx, vy])  # both along x and y, in front
     place = np.zeros_like(velocity)
@@ -132,18 +129,40 @@ def _skipped(above: Array, rise: Array, steady: Mask) -> Array:
     return np.asarray(np.maximum(above / sinking - 1.0, 0.0))
 
 
-def _apparent_gravity(pull: Callable[[Array, Array], Array], vx: Array, gravity: float) -> Array:
-    """Magnitude [m/s^2] of the acceleration of a bead at rest, at least a share `LIGHTEST` of gravity."""
-    rest = np.zeros((2, *vx.shape))
-    return np.asarray(np.maximum(np.abs(pull(rest, rest)[1]), LIGHTEST * gravity))
+def _steps(
+    pull: Callable[[Array, Array], Array], vx: Array, vy: Array, gap: Array, gravity: float, *, slow: bool
+) -> Array:
+    """Length [s] of the steps of each flight: a share of a fall without drag, in a liquid also of its damping time."""
+    rise = np.maximum(vy, 0.0)
+    weight = np.full_like(vy, gravity)
+    if slow:
+        rest = np.zeros((2, *vx.shape))
+        weight = np.maximum(np.abs(pull(rest, rest)[1]), LIGHTEST * gravity)
+    h = (vy + np.sqrt(rise * rise + 2 * weight * gap)) / weight / STEPS
+    if not slow:
+        return np.asarray(h)
+    sinking = _sinking_speed(pull, vx, np.sqrt(rise * rise + 2 * weight * gap))
+    damping = np.maximum(_damping(pull, vx, rise), _damping(pull, vx, -sinking))
+    return np.asarray(h / np.maximum(STEPS_PER_DAMPING_TIME * h * damping, 1.0))
 
 
-def _damping(pull: Callable[[Array, Array], Array], vx: Array, rise: Array) -> Array:
-    """Rate [1/s] at which drag slows a bead that starts upwards at `rise` [m/s], or that creeps."""
-    speed = np.stack([np.zeros_like(vx), rise])
+def _sinking_speed(pull: Callable[[Array, Array], Array], vx: Array, fastest: Array) -> Array:
+    """Speed [m/s] at which drag balances the weight of a sinking bead, at most `fastest` [m/s]; by bisection."""
+    place = np.zeros((2, *vx.shape))
+    low, high = np.zeros_like(fastest), fastest
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2
+        gains = pull(place, np.stack([np.zeros_like(vx), -middle]))[1] < 0
+        low, high = np.where(gains, middle, low), np.where(gains, high, middle)
+    return np.asarray(low)
+
+
+def _damping(pull: Callable[[Array, Array], Array], vx: Array, vy: Array) -> Array:
+    """Rate [1/s] at which drag slows a small change of a vertical velocity [m/s]."""
+    velocity = np.stack([np.zeros_like(vx), vy])
     change = np.stack([np.zeros_like(vx), np.full_like(vx, CREEPING_SPEED)])
-    place = np.zeros_like(speed)
-    return np.asarray((pull(place, speed - change) - pull(place, speed + change))[1] / (2 * CREEPING_SPEED))
+    place = np.zeros_like(velocity)
+    return np.asarray((pull(place, velocity - change) - pull(place, velocity + change))[1] / (2 * CREEPING_SPEED))
 
 
 def _finer(

@@ -14,7 +14,7 @@ from rigtwin.benchmarks.diagnose import independent_labs_slide as slide
 from rigtwin.benchmarks.diagnose.effect_names import is_named
 from rigtwin.benchmarks.diagnose.independent_labs import Case, plan, write
 from rigtwin.benchmarks.diagnose.independent_labs_effects import ALL, PAIRS
-from rigtwin.benchmarks.diagnose.independent_labs_fluids import abraham, brown_lawler, oseen, schiller_naumann
+from rigtwin.benchmarks.diagnose.independent_labs_fluids import abraham, brown_lawler, schiller_naumann, white
 from rigtwin.benchmarks.diagnose.independent_labs_gain import Strength
 from rigtwin.benchmarks.diagnose.independent_labs_types import Condition, Hidden, Sphere
 from rigtwin.compare.diagnose.data.read_lab_json import read_tracked_lab
@@ -86,7 +86,7 @@ def test_a_clump_slips_where_the_slope_passes_its_friction_and_slides_as_newton_
 
 
 @pytest.mark.parametrize(("law", "reynolds", "published"), [
-    (schiller_naumann, 100, 1.09), (brown_lawler, 100, 1.09), (abraham, 10, 4.37), (oseen, 0.1, 244.5),
+    (schiller_naumann, 100, 1.09), (brown_lawler, 100, 1.09), (abraham, 10, 4.37), (white, 10, 4.24),
     (brown_lawler, 10_000, 0.41),
 ])  # fmt: skip
 def test_drag_laws_lie_on_the_standard_curve(law, reynolds, published):
