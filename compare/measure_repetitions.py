@@ -17,7 +17,7 @@ from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.result_files import observation, relative
 from rigtwin.compare.twins.matched import measured_start, stated_start
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.compare.worker_processes import need_count, spawned
+from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.option_names import naming_lab_keys
@@ -229,11 +229,10 @@ def measuring(
     Raises
     ------
     BadInput
-        If `workers` is no number of processes.
+        If `workers` is not a whole number from 1 upwards.
     WorkerEnded
         If a process ends unexpectedly.
     """
-    need_count(workers)
     jobs = [
         (experiment, views, folder)
         for experiment, place in zip(experiments, folders(experiments), strict=True)

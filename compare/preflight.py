@@ -103,9 +103,7 @@ def refused_twins(lab: Lab, experiments: Sequence[Experiment]) -> list[str]:
         except BadInput as error:
             fault = _of_twin(experiment, error, None)
             key = f"{'.'.join(map(str, fault.key))}: " if fault.key else ""
-            warnings.append(
-                f"{experiment.id}: {key}{fault.why.rstrip('.')}; where the media show otherwise, a stated size is wrong"
-            )
+            warnings.append(f"{experiment.id}: {key}{fault.why.rstrip('.')}; check this size, `compare` refuses it")
     return warnings
 
 

@@ -107,7 +107,7 @@ def others_before(
     Raises
     ------
     BadInput
-        If it holds results of another lab or of other experiments of this one, which would be lost.
+        If it holds results of other experiments, which would be lost.
     """
     try:
         before = json.loads((out / document).read_text(encoding="utf-8"))
@@ -115,13 +115,14 @@ def others_before(
         there = [str(one["id"] if isinstance(one, dict) else one) for one in before["experiments"]]
     except (OSError, ValueError, LookupError, TypeError):  # no such file, or of another kind
         return []
-    others = [name for name in there if name not in set(names)]
+    now, still = set(names), None if known is None else set(known)
+    others = [name for name in there if name not in now]
     same = source.resolve() == lab.resolve()
-    lost = others if known is None or not same else [name for name in others if name in set(known)]
+    lost = others if still is None or not same else [name for name in others if name in still]
     if lost:
         raise BadInput(
             f"{out}: holds results of {', '.join(lost)} ({source}), which would be lost; give --out another "
-            "folder, or delete this one."
+            f"folder, or delete {out / document}."
         )
     return others
 

@@ -61,8 +61,8 @@ class Workers:
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 
-def need_count(workers: object, option: str = "--workers") -> None:
-    """Refuse a number of processes that is none.
+def need_number_of_processes(workers: object, option: str = "--workers") -> None:
+    """Refuse a number of processes that is not a whole number from 1 upwards.
 
     Parameters
     ----------
@@ -107,11 +107,11 @@ def spawned(
     Raises
     ------
     BadInput
-        If `workers` is no number of processes.
+        If `workers` is not a whole number from 1 upwards.
     WorkerEnded
         If one of them ends unexpectedly.
     """
-    need_count(workers)
+    need_number_of_processes(workers)
     others = set(multiprocessing.active_children())
     pool = Workers(max(1, min(workers or os.cpu_count() or 1, jobs)))
     try:

@@ -455,7 +455,7 @@ def kept(file: Path, key: str, value: str) -> dict[str, Any] | None:
 def in_small(seed: int, folder: Path) -> list[Job]:
     """Narrow labs of each effect, rig and kind are drawn, and those with a new rig or kind are to be diagnosed.
 
-    A double pendulum is drawn only: its diagnosis takes ten times as long as that of another rig.
+    A double pendulum is drawn but not diagnosed: its diagnosis takes ten times as long as that of another rig.
     """
     jobs, seen = [], set[str]()
     for number, case in enumerate(plan(seed)):

@@ -133,7 +133,7 @@ def rows_of(rig: str, codes: list[Code], seeds: int) -> list[Row]:
         more = {"threads": 2, **case.options}
         ours.append(case.run(case.rig, cast, count=case.count, seed=seed, **more))
     took = (time.perf_counter() - began) / seeds
-    # two processes that wait for each other beside another script take half a minute for what one does in a second
+    # in small, two ranks for the first rig only: beside another script, two that wait for each other need 30 s for 1 s
     parallel = not SMOKE or rig == next(iter(CASES))
     runs = [(code, ranks) for code in codes for ranks in ((1, 2) if parallel and code != "yade" else (1,))]
     rows = []

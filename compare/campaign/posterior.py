@@ -273,7 +273,7 @@ class Posterior:
 
     @cached_property
     def _measured(self) -> Array:
-        """Covariance between measurements and twins without the emulators', shape (k, k); asked for at each step."""
+        """Covariance of measurement minus twin without the emulators' variance, shape (k, k), for all steps."""
         return np.asarray(self.correlation * np.outer(self._scatter, self._scatter) + self._read)
 
     @cached_property

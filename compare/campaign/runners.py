@@ -26,7 +26,7 @@ import numpy as np
 
 from rigtwin.compare.campaign.run import Result
 from rigtwin.compare.result_files import plain
-from rigtwin.compare.worker_processes import Workers, need_count, spawned
+from rigtwin.compare.worker_processes import Workers, need_number_of_processes, spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, WorkerEnded
 from rigtwin.lab.version import __version__
 
@@ -133,9 +133,9 @@ def runner(cluster: str | None, workers: int | None, folder: Path, *, option: st
     Raises
     ------
     BadInput
-        For another text, or `workers` that are no number or stand together with a cluster.
+        For another text, `workers` that are not a whole number from 1 upwards, or `workers` together with a cluster.
     """
-    need_count(workers, option)
+    need_number_of_processes(workers, option)
     if cluster is None:
         return lambda jobs: local(jobs, workers)
     if workers is not None:

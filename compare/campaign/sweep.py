@@ -307,8 +307,8 @@ def _replaced(out: Path, rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     if lost := [row for row in points if row not in now]:
         yield (
             f"sweep.csv and sweep.json in {out} held {len(lost)} other rows (a sweep of {name} over {varied}), which "
-            "are replaced; their runs are kept in runs/, and the same command writes them again: give --out another "
-            "folder to keep both tables"
+            "are replaced; their runs are kept in runs/, from which the earlier command can write them again; give "
+            "--out another folder to keep both tables"
         )
 
 

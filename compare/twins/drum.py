@@ -196,9 +196,9 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
         rig, particle = self.rig(experiment).rig(), experiment.particle
         drum.check(rig, particle, count=count)
         if count is None:
-            whence = f"the filling of a drum of {rig.diameter * 1e3:.4g} mm over the volume of a particle"
+            origin = f"the filling of a drum of {rig.diameter * 1e3:.4g} mm over the volume of a particle"
             sizes = "diameter, depth and fill of the drum and the size of the particle"
-            need_usual_number("drum_diameter", drum.filled(rig, particle), particle, whence, sizes)
+            need_usual_number("drum_diameter", drum.filled(rig, particle), particle, origin, sizes)
 
     def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
         return drum_twin(self.rig(experiment).rig(), cast, count=count, **run)

@@ -20,6 +20,7 @@ from rigtwin.lab.errors import BadInput, TwinLacks
 from rigtwin.lab.materials import Contact, Material, Particle, very_small
 from rigtwin.lab.quantity import Evaluation, doubted
 from rigtwin.lab.records import Profile, Series
+from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import Rig
 
 if TYPE_CHECKING:
@@ -132,7 +133,9 @@ class ManyBodyEntry(RigEntry[Settings]):
         cast = Cast(experiment.particle, experiment.wall, contacts[1], contacts[0])
         filled = self.count(experiment, count)
         if filled is not None and filled >= run_cost.MANY:
-            progress(f"twin of {experiment.id}: {run_cost.in_words(experiment.particle, filled)}", 0, 0)
+            softer = numerics.get("stiffness_factor") or hlosta2020.SOFTENING
+            cost = run_cost.in_words(experiment.particle, filled, stiffness_factor=softer)
+            progress(f"twin of {experiment.id}: {cost}", 0, 0)
         return self.filled_twin(experiment, cast, filled, seed=seed, effects=effects, progress=progress, **numerics)
 
 
@@ -158,8 +161,8 @@ def filling_count(rig: Weighed, particle: Particle, count: int | None) -> int:
     if weighed == 0 and not rig.count:
         raise BadInput("total_mass: is less than half the mass of one particle; state the mass of all particles.")
     if weighed is not None and not rig.count:
-        each = f"the stated mass over {particle.mean_mass * 1e3:.3g} g of a particle"
-        run_cost.need_usual_number("total_mass", weighed, particle, each, "both")
+        origin = f"the stated mass over {particle.mean_mass * 1e3:.3g} g of a particle"
+        run_cost.need_usual_number("total_mass", weighed, particle, origin, "the mass and the particle")
     filled = rig.count or weighed or count
     if not filled:
         raise TwinLacks("the number of particles is not known; add total_mass or count to the experiment.")

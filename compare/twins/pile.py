@@ -223,8 +223,8 @@ class PileEntry(ManyBodyEntry[PileSettings]):
             count = max(twice, PILE_COUNT)
             enough = f"twice the volume of the filmed heap, which reaches the edge of its base, is {twice} particles"
             said = f"{count} particles: {enough}{'' if count == twice else f', and at least {PILE_COUNT} are poured'}"
-        whence = f"the volume of the heap on a base of {rig.base_diameter * 1e3:.4g} mm over that of a particle"
-        need_usual_number("base_diameter", count, particle, whence, "the base and the size of the particle")
+        origin = f"the volume of the heap on a base of {rig.base_diameter * 1e3:.4g} mm"
+        need_usual_number("base_diameter", count, particle, origin, "the base and the size of the particle")
         try:
             self.check_count(experiment, count)
         except BadInput:

@@ -1,4 +1,4 @@
-"""Estimate how long runs of many particles take, and refuse numbers of particles that nobody has stated."""
+"""Estimate how long runs of many particles take, and refuse numbers of particles that are not stated."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from rigtwin.lab.materials import Particle
 from rigtwin.lab.reference import hlosta2020
 
 START = 5.0  # [s], compilation of the kernels
-BODY, SPHERE = 0.22e-6, 0.035e-6  # [s], cost of a time step for each body and for each of its spheres
+# [s], cost of a time step for each body and for each of its spheres, from runs of the twins of the published tables
+BODY, SPHERE = 0.22e-6, 0.035e-6
 STEP = 0.3  # time step over the Rayleigh time step
 MANY = 10_000  # ten times a usual heap, a minute for each simulated second: the number is shown beforehand
 MOST_UNSTATED = 100_000
-"""Largest number of particles that follows from other sizes: a hundred times that of a usual heap, so that lengths are
-wrong by a factor of four or more, or a mass by a hundred; ten minutes for each simulated second."""
+"""Largest number of particles that follows from other sizes: 100 times a usual heap, some ten minutes for each
+simulated second with beads of 6 mm."""
 
 
 def seconds(particle: Particle, count: float, lasts: float, *, stiffness_factor: float = hlosta2020.SOFTENING) -> float:
@@ -42,7 +43,7 @@ def seconds(particle: Particle, count: float, lasts: float, *, stiffness_factor:
     return START + lasts / step * count * (BODY + SPHERE * len(particle.radii) * neighbours)
 
 
-def in_words(particle: Particle, count: int) -> str:
+def in_words(particle: Particle, count: int, *, stiffness_factor: float = hlosta2020.SOFTENING) -> str:
     """Return a number of particles with the time that each simulated second of them takes.
 
     Parameters
@@ -51,18 +52,20 @@ def in_words(particle: Particle, count: int) -> str:
         The particle.
     count : int
         Number of particles.
+    stiffness_factor : float
+        Factor on the moduli.
 
     Returns
     -------
     str
         Both in words.
     """
-    minutes = (seconds(particle, count, 1.0) - START) / 60
+    minutes = (seconds(particle, count, 1.0, stiffness_factor=stiffness_factor) - START) / 60
     time = f"{minutes / 60:.2g} h" if minutes > 60 else f"{minutes:.2g} min"
     return f"{count} particles, about {time} for each simulated second on one core"
 
 
-def need_usual_number(key: str, count: int, particle: Particle, whence: str, check: str) -> None:
+def need_usual_number(key: str, count: int, particle: Particle, origin: str, check: str) -> None:
     """Refuse a number of particles that follows from other sizes and is far beyond that of a rig on a bench.
 
     Parameters
@@ -73,8 +76,8 @@ def need_usual_number(key: str, count: int, particle: Particle, whence: str, che
         Number of particles.
     particle : Particle
         The particle.
-    whence : str
-        How the number was found, for the message.
+    origin : str
+        The number and how it was found, for the message.
     check : str
         What to check, for the message.
 
@@ -85,6 +88,6 @@ def need_usual_number(key: str, count: int, particle: Particle, whence: str, che
     """
     if count > MOST_UNSTATED:
         raise BadInput(
-            f"{key}: {whence} is {in_words(particle, count)}, and a number that is not stated may be at most "
+            f"{key}: {in_words(particle, count)}, by {origin}; a number that is not stated may be at most "
             f"{MOST_UNSTATED}; check {check}, or state count to run so many."
         )

@@ -45,12 +45,11 @@ def observe_photo(
             *(["the part with the bed with --region x,y,width,height"] if camera.region is None else []),
         ]
         upright = partial(find_bed, cylinder=cylinder, bead=bead)
-        turned = (
-            ""
-            if camera.region or camera.stated_view
-            else quarter_turned(image, lambda other: isinstance(upright(other), Bed))
+        advised = (
+            bed.advice
+            or quarter_turned(image, camera, "a bed", lambda other: isinstance(upright(other), Bed))
+            or (f"state {' or '.join(advice)}" if advice else "give a sharper photo")
         )
-        advised = bed.advice or turned or (f"state {' or '.join(advice)}" if advice else "give a sharper photo")
         raise NothingToMeasure(
             f"{photo}: no bed of beads: {bed.why}; {advised}.",
             Seen(medium=photo, marks=bed.marks),

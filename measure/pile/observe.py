@@ -105,11 +105,8 @@ def observe_photo(
             *(["the line it stands on with --base x1,y1,x2,y2"] if camera.base is None else []),
         ]
         upright = partial(find_heap, focal_length=focal_length, beads_across=ratio)
-        turned = (
-            ""
-            if camera.region or camera.stated_view
-            else quarter_turned(image, lambda other: upright(other).disc is not None)
-        )
+        # on its side, a heap without a base is easily seen in anything
+        turned = quarter_turned(image, camera, "a heap", lambda other: upright(other).disc is not None)
         raise NothingToMeasure(
             f"{photo}: no heap was found: {nothing.message}; {turned or 'give ' + ' or '.join(advice)}.",
             replace(nothing.seen or Seen(), medium=photo),

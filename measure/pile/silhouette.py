@@ -29,8 +29,8 @@ USUAL_DEPRESSION = 3.0  # [deg], of the line of sight where nothing shows it, an
 
 SEEN_DEPRESSION = 1.5  # [deg], standard uncertainty where rim or foot show it
 
-# least fit and support of a base that is held against a stated one: in 11 rendered photos ten bases were found within
-# 4 % of their radius, nine of them with a support of 0.7 and more; the other one, 11 % off, had 0.56
+# least fit (chosen) and support of a base that is held against a stated one: of 11 rendered photos the base was within
+# 4 % of its radius in ten, nine of them with a support of 0.7 or more, and 11 % off in one, with 0.56
 CLEARLY, SUPPORTED = 0.85, 0.7
 # [standard uncertainties] and [half widths], by which the ends of a stated base may lie elsewhere than those seen
 ELSEWHERE, LEAST_APART = 3.0, 0.015
@@ -168,7 +168,7 @@ def _heap_on(
     if flank not in ("left", "right"):  # a slope against a wall is no cone
         distance = half / float(nearness(np.array(half), focal_length * zoom))
         down, sigma = USUAL_DEPRESSION, USUAL_DEPRESSION
-        unconfirmed = _not_clear(None)
+        unconfirmed = "no grains were found, so that no base was searched"
         if grains is not None:
             disc = find_disc(classes, grey, focal_length=focal_length * zoom, roll=turn)
             seen = _view_of_disc(disc) if disc else _view_of_feet(grains, turn, focal_length * zoom)[0]

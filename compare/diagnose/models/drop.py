@@ -41,8 +41,9 @@ LEAST_SCALE, LEAST_HEIGHT = 1e-5, 1e-6  # [1], [m]: lower limits of the fitted s
 SLOW_FALL = 0.8  # [g], acceleration below which a fall, in a liquid for example, begins with it; chosen
 LANDED = 5.0  # height above the plate, in units of the noise, below which a bead without a rebound has landed
 FRICTION = 0.35  # sliding friction where the lab states none; matters only for fast spin
-# finite-difference step as a share of a visible change: a bead hardly heavier than its liquid is 30 times as sensitive
-FINE = 1e-5
+# finite-difference step as a share of a visible change, small even for a bead hardly heavier than its liquid, which is
+# 30 times as sensitive; possible because the number of steps of a flight is the same for all settings
+DROP_STEP = 1e-5
 
 
 class DropBench:
@@ -50,7 +51,7 @@ class DropBench:
 
     bodies = 1
     onset = 0
-    small = FINE
+    small = DROP_STEP
     per_run = ("conditions", "pair", "friction", "events", "active", "bead")
 
     def __init__(self, lab: TrackedLab) -> None:

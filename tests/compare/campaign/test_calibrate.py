@@ -239,10 +239,10 @@ def test_the_experiment_that_separates_equally_good_sets_is_found(tmp_path, caps
     assert run(["calibrate", str(tmp_path), "--budget", "13", "--json"]) == 0
     (said,) = (one for one in json.loads(capsys.readouterr().out)["remarks"] if "--budget" in one)
     budget = said.partition("--budget ")[2].split()[0]
-    assert run(["calibrate", str(tmp_path), "--budget", budget, "--json"]) == 0
+    assert run(["calibrate", str(tmp_path), "--budget", budget, "--json"]) == 0  # what the remark names is enough
     found = json.loads(capsys.readouterr().out)
     assert any("do not separate" in sentence for sentence in found["ambiguous"])
-    best, *others = found["next_experiments"]  # the budget that the remark names is enough
+    best, *others = found["next_experiments"]
     assert best["quantity"] == "bed_height"
     assert best["apart"] > 5
     assert all(row["apart"] < 2 for row in others), "the heap does not depend on either friction"

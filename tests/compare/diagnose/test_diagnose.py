@@ -582,7 +582,7 @@ def test_rolling_friction_of_three_sizes_that_goes_with_one_over_d_is_a_lever_ar
 
 
 def test_one_rolling_friction_for_three_sizes_is_no_lever_arm(tmp_path):
-    lab = read_tracked_lab(write_rolls(tmp_path, 6, sizes=(0.7, 1.0, 2.0), pushes=(0.6,)))
+    lab = read_tracked_lab(write_rolls(tmp_path, 6, sizes=(0.7, 1.0, 2.0)))
     assert diagnose(lab, listed=[named(name) for name in ("rolling_lever", "rolling_speed")]).verdict == "none"
 
 

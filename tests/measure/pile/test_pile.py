@@ -694,7 +694,7 @@ def test_a_photo_that_lies_on_its_side_is_refused_with_the_turn_that_sets_it_upr
 ) -> None:
     path = tmp_path / "heap.png"
     assert cv2.imwrite(str(path), np.rot90(draw(SCENES["steep, dark beads"]), quarters))
-    with pytest.raises(NothingToMeasure, match=f"turn the photo by a quarter to the {side}, then one is found"):
+    with pytest.raises(NothingToMeasure, match=f"turn the photo by a quarter to the {side}, then a heap is found"):
         measure([path], Camera())
     with pytest.raises(NothingToMeasure) as refused:  # stated places are those of the photo as it is
         measure([path], Camera(region=(0.0, 0.0, 60.0, 60.0)))
