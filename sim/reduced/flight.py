@@ -13,7 +13,8 @@ from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 from rigtwin.sim.effects import Effect
 
 STEPS = 14  # steps per flight in a vacuum; the path between two steps is a cubic
-MOST, MOST_SLOW = 60, 150  # largest number of steps of a flight, and of one in a liquid until its velocity is constant
+MOST = 60  # largest number of steps of a flight
+MOST_SLOW = 150  # the same in a liquid: after a hundred damping times the velocity is constant
 EDGES_PER_STEP = 4.0  # [edge widths], longest step across an edge; the impulse of a band then errs by at most 1 %
 FINEST = 32  # largest refinement of the steps, to bound the cost of a band that a fit makes very narrow
 STEPS_PER_DAMPING_TIME = 1.5  # the paths of beads in liquids are then within 0.1 % of finer ones
@@ -92,7 +93,8 @@ def fly(
         velocities.append(velocity)
         touching = (landed < 0) & (above(place) <= 0) & (away(velocity) < 0)
         landed[touching] = k
-        steady = slow and bool(np.all(np.abs(velocity - velocities[-2]) < STEADY * np.abs(velocity).max(axis=0)))
+        unchanged = np.abs(velocity - velocities[-2]) < STEADY * np.abs(velocity).max(axis=0)
+        steady = slow and bool(np.all(unchanged | (landed >= 0)))
         if steady or (k >= more * STEPS // 2 and (landed >= 0).all()):
             break
     nodes, speeds = np.stack(places), np.stack(velocities)

@@ -111,6 +111,22 @@ def test_a_bead_that_rises_in_a_liquid_disturbs_no_bead_that_sinks():
     assert np.abs(together.duration).max() < 60
 
 
+def test_a_rebound_of_a_millisecond_cuts_off_no_long_fall_in_a_liquid():
+    def fly(up, height):
+        rest = np.zeros((1, 1, len(up)))
+        return flight.fly(
+            rest, rest + up, rest + height, rest, rest + 1, radius=rest + 3.6e-3,
+            mass=rest + 1400 * 4 / 3 * math.pi * 3.6e-3**3, gravity=G, terms=(named("fluid"),),
+            values={
+                f"fluid.{name}": np.array([v])
+                for name, v in {"density": 930.0, "log_viscosity": 2.3, "excess_drag": 0.0}.items()
+            },
+        )  # fmt: skip
+
+    together, alone = fly([0.0, 1e-3], [0.12, 0.0]), fly([0.0], [0.12])
+    assert together.duration[0, 0, 0] == pytest.approx(alone.duration.item(), rel=1e-6)
+
+
 @pytest.mark.parametrize(("up", "height"), [(0.3, 0.0), (2.0, 0.0), (0.0, 0.05), (0.0, 1.0)])
 def test_a_charged_bead_keeps_its_energy_however_steep_the_pull_of_its_image_is(up, height):
     one, charge = np.ones((1, 1, 1)), 1e-9
