@@ -60,20 +60,6 @@ LEAST_CHANGE = 12.0  # [grey levels], between two frames; codecs change still re
 ABOVE_NOISE = 6.0  # of the noise between frames; the largest of a dozen noisy values reaches 4
 
 
-def quarter_turned(photo: Image, camera: Camera, what: str, shows: Callable[[Image], bool]) -> str:
-    """Advice for a refused photo that `shows` what is sought if it is turned by a quarter; empty for any other.
-
-    Not tried where places of the picture are stated.
-    """
-    if camera.region or camera.stated_view:
-        return ""
-    for quarters, side in ((1, "left"), (3, "right")):
-        with suppress(NothingToMeasure):
-            if shows(np.ascontiguousarray(np.rot90(photo, quarters))):
-                return f"turn the photo by a quarter to the {side}, then {what} is found"
-    return ""
-
-
 def shows_refusals(measure: Callable[P, Measurement]) -> Callable[P, Measurement]:
     """Let a refused measurement leave a picture of what was seen, and name it at the end of the message.
 

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -15,7 +16,7 @@ import typer
 
 import rigtwin
 from rigtwin import api, cli
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, NothingToMeasure
 
 SAMPLES = Path(__file__).parents[1] / "sample_media"
 CLIP = SAMPLES / "drop" / "r01.mp4"
@@ -75,6 +76,17 @@ def test_a_plot_shows_the_track(drop):
 
 def test_without_out_no_files_are_named(drop):
     assert drop.files == {}
+
+
+def test_without_out_a_refusal_leaves_no_picture_and_keeps_its_evidence(tmp_path, monkeypatch):
+    photo = tmp_path / "noise.png"
+    cv2.imwrite(str(photo), np.random.default_rng(1).integers(0, 255, (240, 320, 3), dtype=np.uint8))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(NothingToMeasure) as refused:
+        rigtwin.measure("pile", photo)
+    assert refused.value.picture is None
+    assert refused.value.seen.medium == photo
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["noise.png"]
 
 
 def test_a_twin_has_values_and_a_table():

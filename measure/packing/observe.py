@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from rigtwin.measure.packing.bed_profile import NEARER, SAME_PLANE, Observation
 from rigtwin.measure.packing.checks import STATED, gauge_pitch, picture_checks
 from rigtwin.measure.packing.cylinder import Bed, NoBed, Stated, find_bed
 from rigtwin.measure.packing.evaluate import BEAD_UNCERTAINTY
-from rigtwin.measure.refusal import quarter_turned
 
 # relative standard uncertainty of a scale from a length in the plane of the axis: it fills most of a photo, as 940 px
 # between two points of STATED_SIGMA each
@@ -44,12 +42,7 @@ def observe_photo(
             *(["the walls with --cylinder x1,y1,x2,y2"] if camera.cylinder is None else []),
             *(["the part with the bed with --region x,y,width,height"] if camera.region is None else []),
         ]
-        upright = partial(find_bed, cylinder=cylinder, bead=bead)
-        advised = (
-            bed.advice
-            or quarter_turned(image, camera, "a bed", lambda other: isinstance(upright(other), Bed))
-            or (f"state {' or '.join(advice)}" if advice else "give a sharper photo")
-        )
+        advised = bed.advice or (f"state {' or '.join(advice)}" if advice else "give a sharper photo")
         raise NothingToMeasure(
             f"{photo}: no bed of beads: {bed.why}; {advised}.",
             Seen(medium=photo, marks=bed.marks),

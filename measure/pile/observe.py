@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +31,6 @@ from rigtwin.measure.pile.checks import (
 from rigtwin.measure.pile.evaluate import Observation, evaluate_views
 from rigtwin.measure.pile.figures import picture_marks, write_pictures
 from rigtwin.measure.pile.silhouette import find_heap, undo_view
-from rigtwin.measure.refusal import quarter_turned
 
 Draw = Callable[[Path], dict[str, Path]]
 """Writes the pictures of a view into a folder."""
@@ -104,9 +104,7 @@ def observe_photo(
             *(["its place with --region x,y,width,height"] if camera.region is None else []),
             *(["the line it stands on with --base x1,y1,x2,y2"] if camera.base is None else []),
         ]
-        upright = partial(find_heap, focal_length=focal_length, beads_across=ratio)
-        # on its side, a heap without a base is easily seen in anything
-        turned = quarter_turned(image, camera, "a heap", lambda other: upright(other).disc is not None)
+        turned = _quarter_turned(image, camera, focal_length, ratio)
         raise NothingToMeasure(
             f"{photo}: no heap was found: {nothing.message}; {turned or 'give ' + ' or '.join(advice)}.",
             replace(nothing.seen or Seen(), medium=photo),
@@ -167,6 +165,22 @@ def _sized(look: Callable[..., Silhouette], beads_across: float | None) -> Silho
         except NothingToMeasure:
             pass
         raise
+
+
+def _quarter_turned(image: Image, camera: Camera, focal_length: float | None, ratio: float | None) -> str:
+    """Advice for a refused photo that shows a heap on a base if it is turned by a quarter; empty for any other.
+
+    Not tried where places of the picture are stated.
+    """
+    if camera.region or camera.stated_view:
+        return ""
+    for quarters, side in ((1, "left"), (3, "right")):
+        with suppress(NothingToMeasure):
+            other = np.ascontiguousarray(np.rot90(image, quarters))
+            # a heap without a base is easily seen in a picture that lies on its side
+            if find_heap(other, focal_length=focal_length, beads_across=ratio).disc is not None:
+                return f"turn the photo by a quarter to the {side}, then a heap is found"
+    return ""
 
 
 def _focal_length(photo: Path, image: npt.NDArray[np.uint8]) -> float | None:
