@@ -17,7 +17,7 @@ from rigtwin.compare.diagnose.fitting.strained import STRAINED
 from rigtwin.compare.diagnose.fitting.subset import coarse, cut
 from rigtwin.compare.diagnose.selection.bent_laws import gained_beside
 from rigtwin.compare.diagnose.selection.candidate import Candidate, best_of, front_of, refused
-from rigtwin.compare.diagnose.selection.complexity_penalty import SECOND, price
+from rigtwin.compare.diagnose.selection.complexity_penalty import SECOND, SECOND_SHARE, price
 from rigtwin.compare.diagnose.selection.locate import Location, locate
 from rigtwin.lab.progress import Progress
 from rigtwin.sim.effects import Effect
@@ -43,7 +43,8 @@ GLANCE = 6.0  # promised gain in deviance below which a candidate is not fitted
 ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline shows that the old one was a poor minimum
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
-NEAR_NOISE = 1.5  # chi2 per coordinate below which a gap is too small to be a measure of other gaps
+NEARLY_ALL = 0.95  # share of the gap; an effect that closes 90 % is named
+NEAR_NOISE = 1.5  # chi2 per coordinate below which a fit describes the data but for their noise
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
 
@@ -295,8 +296,15 @@ class _Search:
         return spared(self.base, tied(fitted.terms)) if tied is not None else 0.0
 
     def earned(self, fewer: Candidate, more: Candidate) -> bool:
-        """Whether the further effects of `more` gain their price, or enough even if the laws of `fewer` are free."""
+        """Whether the further effects of `more` gain their price, or enough even if the laws of `fewer` are free.
+
+        Where effects explain nearly all, but a misfit remains also with a weak one beside them, their law is off, and
+        the weak one may only follow that.
+        """
         gained = more.score - fewer.score
+        explained = fewer.fitted.per_row < (1 - NEARLY_ALL) * self.base.per_row
+        if explained and more.fitted.per_row > NEAR_NOISE and gained < SECOND_SHARE * fewer.gain:
+            return False
         if gained < SECOND or gained >= price(fewer, more, self.bench.lab.rig):  # type: ignore[attr-defined]
             return gained >= SECOND
         key = frozenset(fewer.names), frozenset(more.names)
@@ -476,7 +484,7 @@ def spared(base: Fit, names: Sequence[str]) -> float:
 def spread_of(base: Fit, location: Location) -> float:
     """Variance of the residuals between repetitions over that of white noise; gains are divided by it."""
     # a misfit also differs between repetitions, so the estimate is valid only for a fit near the noise
-    return location.spread if base.per_row < 1.5 else 1.0
+    return location.spread if base.per_row < NEAR_NOISE else 1.0
 
 
 def _hopeless(one: Candidate) -> bool:

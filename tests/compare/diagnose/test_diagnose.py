@@ -551,6 +551,15 @@ def test_what_another_code_hides_in_a_pendulum_is_named(effect, law, number, lis
     assert (found.verdict, found.chosen.names) == ("named", (effect,))
 
 
+def test_what_the_law_of_a_strong_effect_leaves_is_no_second_effect(tmp_path):
+    """A bearing's damping is not quite linear; dry friction beside it would close a part of what is left."""
+    write(Case("single", "pendulum", ("pivot_viscous",), ("bearing",), "strong"), "lab", (231, 52), tmp_path)
+    listed = [named("pivot_viscous"), named("pivot_friction")]
+    found = diagnose(read_tracked_lab(tmp_path / "labs" / "lab"), listed=listed)
+    assert (found.verdict, found.chosen.names) == ("named", ("pivot_viscous",))
+    assert "remains unexplained" in found.reason
+
+
 @pytest.mark.slow
 def test_a_shaken_plate_is_not_taken_for_an_error_of_the_picture(tmp_path):
     """All slides pass the same places at about the same times: a lens would close a third of the gap."""
