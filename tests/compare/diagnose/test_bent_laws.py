@@ -50,14 +50,25 @@ def test_variations_of_a_law_are_linear_in_their_coefficient_and_effects_on_the_
 
 def test_a_share_of_a_strong_first_effect_is_required_only_where_its_law_may_leave_residuals(monkeypatch):
     """100 is a small share of a gain of 1e9: it counts only where the law of the first effect cannot leave it."""
-    search = _Search(SimpleNamespace(lab=SimpleNamespace(rig="pendulum")), None, 1.0)
-    fitted = SimpleNamespace(unknowns=(), std=lambda name: 1.0, value=lambda name: 0.44)
+    search = _Search(SimpleNamespace(lab=SimpleNamespace(rig="pendulum")), SimpleNamespace(per_row=1000.0), 1.0)
+    fitted = SimpleNamespace(unknowns=(), std=lambda name: 1.0, value=lambda name: 0.44, per_row=1.0)
     drag = Candidate((named("air_drag"),), fitted, 1e9)
     for gained, beside, earned in ((100.0, 60.0, True), (100.0, 5.0, False), (15.0, 60.0, False), (2e3, 5.0, True)):
         monkeypatch.setattr(name_effects, "gained_beside", lambda *_, beside=beside: beside)
         search.beside.clear()
         both = Candidate((*drag.terms, named("length_error")), fitted, 1e9 + gained)
         assert search.earned(drag, both) is earned
+
+
+@pytest.mark.parametrize(("alone", "beside", "earned"), [(5.0, 3.0, False), (5.0, 1.0, True), (200.0, 3.0, True)])
+def test_a_weak_second_effect_counts_where_the_first_leaves_much_or_both_leave_nothing(alone, beside, earned):
+    search = _Search(SimpleNamespace(lab=SimpleNamespace(rig="pendulum")), SimpleNamespace(per_row=1000.0), 1.0)
+    one, both = (
+        SimpleNamespace(unknowns=(), std=lambda name: 1.0, value=lambda name: 0.44, per_row=per_row)
+        for per_row in (alone, beside)
+    )
+    drag = Candidate((named("air_drag"),), one, 1e6)
+    assert search.earned(drag, Candidate((*drag.terms, named("length_error")), both, 1e6 + 5e3)) is earned
 
 
 def test_sets_that_are_not_nested_are_not_compared_with_free_laws():

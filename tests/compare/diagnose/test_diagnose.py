@@ -551,6 +551,7 @@ def test_what_another_code_hides_in_a_pendulum_is_named(effect, law, number, lis
     assert (found.verdict, found.chosen.names) == ("named", (effect,))
 
 
+@pytest.mark.slow
 def test_what_the_law_of_a_strong_effect_leaves_is_no_second_effect(tmp_path):
     """A bearing's damping is not quite linear; dry friction beside it would close a part of what is left."""
     write(Case("single", "pendulum", ("pivot_viscous",), ("bearing",), "strong"), "lab", (231, 52), tmp_path)
