@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -508,7 +509,9 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
         return fitted(near=near)
     fits = [] if newest.flat else [fitted(near=near)]
     if lost or newest.flat:
-        fits += [_strength_first(fitted, newest, _begun(near, begin)) for begin in _starts(newest, lost=lost)]
+        for begin in _starts(newest, lost=lost):
+            with suppress(np.linalg.LinAlgError):  # a start far from any solution must not lose the others
+                fits.append(_strength_first(fitted, newest, _begun(near, begin)))
     elif fits[0].value(name) < parameter.low - 2 * fits[0].std(name):
         # there may be another minimum in the physical range, e.g. lower friction during sliding instead of higher
         # friction with which the clump would climb the arm
@@ -516,6 +519,8 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     if not (lost or near.terms) and max((abs(pull) for pull in near.pulls.values()), default=0.0) > STRAINED:
         # a calibration that the baseline strains may have led into another minimum: begin with the stated one
         fits.append(fitted(start={name: parameter.typical}))
+    if not fits:
+        raise np.linalg.LinAlgError(f"{newest.name}: singular from every start")
     return min(fits, key=lambda one: one.deviance)
 
 

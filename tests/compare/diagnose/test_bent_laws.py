@@ -71,6 +71,22 @@ def test_a_weak_second_effect_counts_where_the_first_leaves_much_or_both_leave_n
     assert search.earned(drag, Candidate((*drag.terms, named("length_error")), both, 1e6 + 5e3)) is earned
 
 
+@pytest.mark.parametrize("lost", [(2.5,), (0.0, 1.0, 1.75), (0.0, 1.0, 1.75, 2.5)])
+def test_a_start_without_a_solution_loses_no_other(monkeypatch, lost):
+    """Beside a baseline that is far off, a liquid is fitted from four viscosities."""
+
+    def fit(_bench, _terms, *, near=None, start=None, **_):
+        place = near.place if start is None else start["fluid.log_viscosity"]
+        if place in lost:
+            raise np.linalg.LinAlgError
+        return SimpleNamespace(place=place, deviance=abs(place - 1.2))
+
+    monkeypatch.setattr(name_effects, "fit", fit)
+    base = SimpleNamespace(per_row=1e4, terms=(), pulls={}, unknowns=(), values=(), place=9.0)
+    found = name_effects._fit(None, (named("fluid"),), base)
+    assert found.place == min(({0.0, 1.0, 1.75, 2.5, 9.0} - set(lost)), key=lambda place: abs(place - 1.2))
+
+
 def test_sets_that_are_not_nested_are_not_compared_with_free_laws():
     fewer, more = (
         Candidate(tuple(map(named, names)), FITTED, 0.0) for names in (("air_drag",), ("pivot_friction", "scale_error"))
