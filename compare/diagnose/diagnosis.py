@@ -34,7 +34,7 @@ from rigtwin.compare.diagnose.selection.candidate import Candidate, refused, sho
 from rigtwin.compare.diagnose.selection.formula import Formula, any_form, find_formula, fixed_forms
 from rigtwin.compare.diagnose.selection.gap import Beside, Gap, beside, closed, gap, names, noise_floor
 from rigtwin.compare.diagnose.selection.locate import Disagreement, Location, locate
-from rigtwin.compare.diagnose.selection.name_effects import ALARM, FORM, Naming, name_effects, spread_of
+from rigtwin.compare.diagnose.selection.name_effects import ALARM, FORM, NEAR_NOISE, Naming, name_effects, spread_of
 from rigtwin.compare.diagnose.selection.next_experiment import CLEAR, Design, designs
 from rigtwin.compare.diagnose.selection.stability import Claim, Stability, stability
 from rigtwin.lab.errors import BadInput
@@ -414,7 +414,7 @@ def _from_there(bench: Regioned, naming: Naming, best: Candidate, formula: Candi
 
 def _more_to_say(bench: Regioned, best: Candidate) -> bool:
     """Whether a nameless term added to the best set promises enough gain to be fitted."""
-    if best.fitted.per_row > 1.5:
+    if best.fitted.per_row > NEAR_NOISE:
         return True
     terms = nameless(bench.lab.rig)  # type: ignore[attr-defined]
     return any(best.fitted.deviance - one.deviance > 0.8 * FORM for one in screen(bench, best.fitted, terms))

@@ -77,7 +77,7 @@ def need_usual_number(key: str, count: int, particle: Particle, origin: str, che
     particle : Particle
         The particle.
     origin : str
-        The number and how it was found, for the message.
+        How the number was found, for the message.
     check : str
         What to check, for the message.
 

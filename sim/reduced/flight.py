@@ -140,10 +140,11 @@ def _steps(
     if slow:
         rest = np.zeros((2, *vx.shape))
         weight = np.maximum(np.abs(pull(rest, rest)[1]), LIGHTEST * gravity)
-    h = (vy + np.sqrt(rise * rise + 2 * weight * gap)) / weight / STEPS
+    fastest = np.sqrt(rise * rise + 2 * weight * gap)
+    h = (vy + fastest) / weight / STEPS
     if not slow:
         return np.asarray(h)
-    sinking = _sinking_speed(pull, vx, np.sqrt(rise * rise + 2 * weight * gap))
+    sinking = _sinking_speed(pull, vx, fastest)
     damping = np.maximum(_damping(pull, vx, rise), _damping(pull, vx, -sinking))
     return np.asarray(h / np.maximum(STEPS_PER_DAMPING_TIME * h * damping, 1.0))
 
