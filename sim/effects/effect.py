@@ -105,7 +105,8 @@ class Effect:
         ``edges(*p) -> (lowest, width)`` [m] of a force in flight that starts or ends at a height: the height of its
         lowest edge, and the length over which the force grows by a factor e there.
     flat : bool
-        Whether the derivative by the first parameter is zero at zero, so that a fit that starts there stays there.
+        Whether a fit that starts with zero for the first parameter stays there: its derivative is zero there, or so
+        large for the slowest impacts that it tells nothing of the others.
     even : bool
         Whether the sign of the first parameter has no influence: a fit that ends below zero means its absolute value.
     special : bool

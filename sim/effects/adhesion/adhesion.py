@@ -28,10 +28,13 @@ EFFECT = Effect(
     kind="physical",
     family="adhesion",
     rigs=("drop", "double"),
-    parameters=(Parameter("work", "J", 0.0, 1e-4, 1e-7, meaning="energy lost per impact of a 6 mm bead"),),
+    parameters=(
+        Parameter("work", "J", 0.0, 1e-4, 1e-7, starts=(1e-7, 1e-6), meaning="energy lost per impact of a 6 mm bead"),
+    ),
     equation="e'^2 = e^2 - 2 W/(m v^2), W ~ R^(4/3)",
     source="Johnson, Kendall & Roberts 1971; Thornton & Ning 1998",
     synonyms=("cohesion", "jkr", "sticking", "surface energy", "stickiness", "capillary bridge"),
     restitution=restitution,
+    flat=True,
     splits="low drops (5 to 50 mm) dry and humid: adhesion stops the last bounces and changes with humidity",
 )

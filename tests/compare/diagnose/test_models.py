@@ -196,7 +196,7 @@ def hung_free(start: float, moment: float, times: np.ndarray):
     def nothing_near(a, b, u, v):
         return 1.0 + 0 * a, 0 * a
 
-    def never(a, b, u, v, count):
+    def never(a, b, u, v, count, resting):
         raise AssertionError("nothing is near that could be struck")
 
     begin = np.array([[start]]), np.array([[0.0]])
@@ -240,6 +240,39 @@ def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
     assert (np.hypot(x, y) > 2 * radius - 1e-9).all()
     assert (x > 0).all()
     assert (motion.speeds < 1.0).sum() >= 2 * len(e)
+
+
+@pytest.mark.parametrize(("longer", "e", "apart"), [(0.0, 0.0, 1e-5), (-2e-4, 0.5, 5e-4), (2e-4, 0.5, 5e-4)])
+def test_beads_that_do_not_rebound_swing_on_together(longer, e, apart):
+    """An impact without restitution leaves both half the speed; from then on they swing as one bob.
+
+    Threads that differ by `longer` [m] press the beads against each other, or part them a little; then there are slow
+    impacts with the restitution `e`.
+    """
+    one, radius, length, start, until = np.ones((1, 1)), 2.5e-3, 0.25, 0.3, 6.0
+    local = np.array([[[0.0, -start, 0.0, 0.0, e, e]]])
+    bench = SimpleNamespace(wall=False, radius=radius, impacts=3, active=np.ones((1, 3), dtype=bool))
+    threads = [length * one, (length + longer) * one]
+    contacts = _Contacts(bench, local, threads, lambda speed: e + 0 * speed, 0.0, (0 * one, 0 * one))
+    (push, omega), (other, _) = [pushing(thread, np.array([5e-4]), np.array([radius]), G, {}, ()) for thread in threads]
+    motion = swing_and_collide.swing_and_hit(
+        (-start * one, 0 * one), (push, other), 2 * math.pi / omega, until * one, contacts.gap, contacts.hit, 3
+    )
+
+    def swings(_time, state):
+        return state[1], -G / length * math.sin(state[0])
+
+    def hangs(_time, state):
+        return state[0]
+
+    hangs.terminal = True
+    fall = solve_ivp(swings, (0, until), (-start, 0.0), events=hangs, rtol=1e-10, atol=1e-12)
+    times = np.linspace(fall.t[-1] + 0.01, until, 200)
+    after = solve_ivp(swings, (fall.t[-1], until), (0.0, fall.y[1, -1] / 2), t_eval=times, rtol=1e-10, atol=1e-12)
+    owner = np.zeros(len(times), dtype=int)
+    for body in (0, 1):
+        angle = swing_and_collide.angles_at(motion, times[None], owner, owner + body)[0][0]
+        assert length * angle == pytest.approx(length * after.y[0], abs=apart)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
