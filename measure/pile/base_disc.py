@@ -328,9 +328,7 @@ def _regions(count: int) -> tuple[_Region, ...]:
 
     Each has `count` evenly distributed points.
     """
-    from scipy.stats import qmc
-
-    grid = qmc.Halton(2, scramble=False).random(16 * count)
+    grid = np.stack([_radical_inverse(16 * count, base) for base in (2, 3)], axis=1)
 
     def spread(along: tuple[float, float], height: tuple[float, float]) -> tuple[Array, Array]:
         """Points to both sides, their distance from the axis and their height between the given limits."""
@@ -359,6 +357,19 @@ def _regions(count: int) -> tuple[_Region, ...]:
         _Region((BASE,), 0.7, _on_face, *first(one_side(0.88, 0.985))),
         _Region((NEITHER,), 1.0, _below_lower, *first(spread((0.0, 0.9), (0.02, 0.1)))),
     )
+
+
+def _radical_inverse(count: int, base: int) -> Array:
+    """One coordinate of `count` points of the Halton sequence, in 0 to 1.
+
+    As `scipy.stats.qmc.Halton` without scrambling; importing `scipy.stats` takes a quarter of the time of a photo.
+    """
+    left, share, found = np.arange(count), 1.0, np.zeros(count)
+    while left.any():
+        share /= base
+        found += share * (left % base)
+        left //= base
+    return found
 
 
 @dataclass(frozen=True)
