@@ -25,6 +25,7 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing_and_collide import Mutual, angles_at, swing_and_hit
 
 MOST_IMPACTS = 7  # largest number of impacts with a restitution of their own
+MOST_CLOCK = 0.1  # relative error of the stated frame rate up to which every filmed impact has a restitution of its own
 HANGS = 5e-4  # [rad], standard uncertainty of the rest angle of the waiting bead
 FIRST_GUESS = 0.65  # starting value of a restitution
 PIVOTS = 1e-4  # [m], standard uncertainty of the pivot spacing where none is stated
@@ -55,9 +56,9 @@ class DoubleBench(Runs):
         count = len(self.conditions)
         release_sd = math.radians(lab.uncertainty("release_angle_uncertainty_deg", default=0.3))
         ends = np.array([float(self.time[span].max()) for span in self.spans])
-        # one contact every half period, the first after a quarter period
+        # one contact every half period, the first after a quarter period; one that is too late to be filmed does no harm
         half = math.pi * np.sqrt(self.length / lab.gravity)
-        seen = np.clip(((ends - 0.05 - half / 2) / half + 0.9).astype(int), 1, MOST_IMPACTS)
+        seen = np.clip(((1 + MOST_CLOCK) * ends / half + 0.5).astype(int), 1, MOST_IMPACTS)
         self.impacts = int(seen.max())
         self.active = np.arange(self.impacts)[None] < seen[:, None]
         self.local_prior = np.concatenate(
