@@ -56,7 +56,7 @@ class DoubleBench(Runs):
         count = len(self.conditions)
         release_sd = math.radians(lab.uncertainty("release_angle_uncertainty_deg", default=0.3))
         ends = np.array([float(self.time[span].max()) for span in self.spans])
-        # one contact every half period, the first after a quarter period; one that is too late to be filmed does no harm
+        # one contact every half period, the first after a quarter period; one too late to be filmed does no harm
         half = math.pi * np.sqrt(self.length / lab.gravity)
         seen = np.clip(((1 + MOST_CLOCK) * ends / half + 0.5).astype(int), 1, MOST_IMPACTS)
         self.impacts = int(seen.max())

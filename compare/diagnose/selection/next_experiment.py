@@ -295,23 +295,23 @@ def _left_over(place: Any, other: Fit, start: Array, *, anew: float, repetitions
     inner = covariance / np.outer(scale, scale)
     tie = np.linalg.inv(inner + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
     free = tuple(replace(u, sd=math.inf) for u in other.unknowns)
-    local, values, least = start.copy(), known.copy(), math.inf
-    damping = 1.0
+    local, values, least = start, known, math.inf
+    nearest = local, values
     for _ in range(6):
         linear = linear_at(place, other.terms, free, local, values, other.scatter)
         off = values - known
         cost = repetitions * linear.objective + float(off @ tie @ off)
-        if cost > least:
-            damping *= 0.3
-        elif least - cost < ENOUGH * cost:
-            least = cost
+        if not cost < least:  # too long a step
+            local, values = (best + 0.3 * (one - best) for one, best in zip((local, values), nearest, strict=True))
+            continue
+        gained, least, nearest = least - cost, cost, (local, values)
+        if gained < ENOUGH * cost:
             break
-        least = min(least, cost)
         ab = np.linalg.solve(linear.a, linear.b)[0]
         ag = np.linalg.solve(linear.a, linear.g_local[..., None])[0, :, 0]
         block = repetitions * (linear.c[0] - linear.b[0].T @ ab) + tie
         pull = repetitions * (linear.g_global[0] - ab.T @ linear.g_local[0]) - tie @ off
-        step = damping * np.linalg.solve(block, pull)
+        step = np.linalg.solve(block, pull)
         values = values + step
-        local = local + damping * (ag - ab @ step)[None]
-    return math.sqrt(max(least, 0.0))
+        local = local + (ag - ab @ step)[None]
+    return math.sqrt(max(least, 0.0)) if math.isfinite(least) else math.nan
