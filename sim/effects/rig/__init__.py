@@ -3,6 +3,7 @@
 - length_error.py: length error: the distance from pivot to bob differs from the stated one
 - pivot_friction.py: dry (Coulomb) friction in the pivot: a constant torque against the motion
 - pivot_viscous.py: viscous friction in the pivot: a torque proportional to the angular velocity
+- pivot_viscous_power.py: the same with a fitted power of the angular velocity: a greased bearing
 - plate_tilt.py: non-level plate: the bead drifts to the lower side, further with each bounce
 - release_speed.py: release speed: the holder pushes or drags the bead as it lets go
 - release_spin.py: release spin: the bead leaves the holder spinning and is deflected sideways at the first bounce

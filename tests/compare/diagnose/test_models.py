@@ -186,6 +186,25 @@ def test_an_elastic_thread_swings_as_its_angular_momentum_says(strain):
     assert angle[0] == pytest.approx(exact, abs=3e-5)
 
 
+@pytest.mark.parametrize("power", [2 / 3, 1.0, 1.2])
+def test_a_bearing_whose_moment_is_a_power_of_the_rate_damps_as_its_equation_says(power):
+    length, mass, moment = 0.3, 2e-4, 2e-6  # the moment [N m] at 1 rad/s
+    times = np.linspace(0.1, 10.0, 60)
+
+    def motion(_time, state):
+        against = moment * math.copysign(abs(state[1]) ** power, state[1])
+        return state[1], -G / length * math.sin(state[0]) - against / (mass * length**2)
+
+    exact = solve_ivp(motion, (0, 10.0), (0.8, 0.0), t_eval=times, rtol=1e-10, atol=1e-12).y[0]
+    term = named("pivot_viscous_power")
+    values = {f"{term.name}.damping": np.array([moment]), f"{term.name}.rate_exponent": np.array([power - 1])}
+    push, omega = pushing(np.array([[length]]), np.array([mass]), np.array([3e-3]), G, values, (term,))
+    swings = swing.half_swings(np.array([[0.8]]), push, omega, np.array([[10.0]]), dry=False)
+    angle, _ = swing.angle_at(swings, times[None], np.zeros(len(times), dtype=int))
+    assert np.abs(exact[-10:]).max() < 0.7  # a good part of the swing is lost
+    assert angle[0] == pytest.approx(exact, abs=5e-5)
+
+
 def hung_free(start: float, moment: float, times: np.ndarray):
     """Angles [rad] of a free bob with dry friction, integrated in steps and from turn to turn."""
     length, mass, far = np.array([[0.25]]), np.array([2e-4]), np.array([[3.0]])
