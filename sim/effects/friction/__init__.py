@@ -7,4 +7,5 @@
 - rolling_lever.py: rolling resistance as a lever arm: a length of the material pair, so that small beads roll less
   easily
 - rolling_speed.py: rolling friction that grows with the speed
+- rolling_speed_power.py: rolling friction that grows with a fitted power of the speed
 """

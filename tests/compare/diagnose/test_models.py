@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 
 from rigtwin.compare.diagnose.data import tracked_lab as labs
 from rigtwin.compare.diagnose.diagnosis import _closed
@@ -203,6 +203,22 @@ def test_a_bearing_whose_moment_is_a_power_of_the_rate_damps_as_its_equation_say
     angle, _ = swing.angle_at(swings, times[None], np.zeros(len(times), dtype=int))
     assert np.abs(exact[-10:]).max() < 0.7  # a good part of the swing is lost
     assert angle[0] == pytest.approx(exact, abs=5e-5)
+
+
+@pytest.mark.parametrize("power", [0.2, 0.5, 1.0])
+def test_rolling_friction_that_grows_with_a_power_of_the_speed_slows_as_its_equation_says(power):
+    """A sphere slows by 5/7 of gravity times its rolling friction, which is `mu` more than 0.02 v^`power`."""
+    mu, slope, speed = 0.004, 0.02, 0.8
+    term = named("rolling_speed_power")
+
+    def slowing(v):
+        return 5 / 7 * G * term.rolling(mu, v, 3e-3, slope, power - 1)
+
+    # dt = dv / slowing, integrated by SciPy with the law written out
+    lasts, _ = quad(lambda v: 1 / (5 / 7 * G * (mu + slope * v**power)), 0.1, speed)
+    one = np.ones((1, 1))
+    motion = track.ride(0 * one, speed * one, lambda s, v, t: -slowing(v), 2 * lasts * one)
+    assert track.place_at(motion, np.array([[lasts]]), np.array([0]))[1].item() == pytest.approx(0.1, rel=1e-4)
 
 
 def hung_free(start: float, moment: float, times: np.ndarray):
