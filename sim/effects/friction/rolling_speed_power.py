@@ -6,7 +6,7 @@ v is the rolling speed, k is `slope`.
 
 Parameters:
 - `slope` [s/m], 0 to 1, typically 0.02: growth of mu_r per speed at 1 m/s
-- `speed_exponent` [dimensionless], -0.9 to 0.1, typically -0.4: a, 0 of a viscous solid, -0.8 of one with many relaxation times
+- `speed_exponent` [dimensionless], -0.9 to 0.1, typically -0.4: a, 0 of a viscous solid, less of a viscoelastic one
 
 Source: Brilliantov & Poschel 1998; Lakes 2009, chapter 7 (a loss that varies as a small power of the frequency)
 """
