@@ -41,13 +41,20 @@ from rigtwin.measure.drop.sound_measurement import measure_sound, with_sound
 from rigtwin.measure.geometry.camera_roll import roll_check
 from rigtwin.measure.media.duplicate_frames import at_its_pace
 from rigtwin.measure.media.sound import has_sound, is_sound
-from rigtwin.measure.media.video import open_video
+from rigtwin.measure.media.time_base import SAME_RATE
+from rigtwin.measure.media.video import Video, open_video
 from rigtwin.measure.refusal import shows_refusals
 from rigtwin.measure.tracking.follow import Chase
 
 RATE_UNJUDGED = (
     "the scale is from gravity and the frame rate from the file: if the film plays slower than it was captured, "
     "heights are too large; give --frame-rate or --scale"
+)
+
+RATE_BELOW_THE_FILE = (
+    "the scale is from gravity, and the stated {stated:g} Hz are fewer than the {file:g} Hz of the file, in which no "
+    "frame repeats the one before; lengths go with the square of the rate: check --frame-rate, or give "
+    "--bead-diameter or --scale"
 )
 
 RATE_UNCONFIRMED = (
@@ -219,7 +226,7 @@ def _measure_film(
     if camera.plate is not None:
         checks = (*checks, plate_check(camera.plate, seen, in_picture))
     unconfirmed = (f"{RATE_UNCONFIRMED}; {gauge.cross_check}.",) if gauge.source == "gravity" else ()
-    unjudged = RATE_UNJUDGED if gauge.source == "gravity" and camera.frame_rate is None else ""
+    unjudged = _rate_unjudged(video, camera) if gauge.source == "gravity" else ""
     measurement = Measurement(
         rig="drop",
         source=clip,
@@ -251,6 +258,14 @@ def _measure_film(
         return measurement
     files = write_pictures(out, measurement, bounces, in_picture, video, seen, progress)
     return replace(measurement, files=files)
+
+
+def _rate_unjudged(video: Video, camera: Camera) -> str:
+    """Why lengths in a scale from gravity are doubtful for their frame rate; empty if they are not."""
+    if camera.frame_rate is None:
+        return RATE_UNJUDGED
+    fewer = video.frame_rate < (1 - SAME_RATE) * video.playback_rate and not video.skipped
+    return RATE_BELOW_THE_FILE.format(stated=video.frame_rate, file=video.playback_rate) if fewer else ""
 
 
 def _track_seen(chase: Chase) -> Seen:

@@ -647,9 +647,10 @@ def test_a_camera_roll_that_contradicts_the_fall_makes_lengths_doubtful(clip, de
     assert all(("camera roll" in each.doubtful) is (each.unit == "m" and not passed) for each in result.quantities)
 
 
-def test_heights_with_scale_from_gravity_and_rate_from_the_file_are_doubtful(clip):
-    result = drop_measurement.measure(clip, Camera(end=CUT))
-    assert "give --frame-rate" in pick(result.quantities, "drop_height").doubtful
+@pytest.mark.parametrize(("rate", "advice"), [(None, "give --frame-rate"), (20.0, "20 Hz are fewer than the 30 Hz")])
+def test_heights_with_scale_from_gravity_and_an_unlikely_rate_are_doubtful(clip, rate, advice):
+    result = drop_measurement.measure(clip, Camera(frame_rate=rate, end=CUT))
+    assert advice in pick(result.quantities, "drop_height").doubtful
     assert not pick(result.quantities, "restitution_wall", method="velocity", bounce=1).doubtful
 
 
