@@ -196,6 +196,12 @@ def test_moments_count_once_where_the_drum_hardly_turns_or_its_speed_is_not_know
     assert moments(5, speed=None).std_uncertainty == pytest.approx(one)
 
 
+@pytest.mark.parametrize("speed", [None, 0.4])
+def test_a_stated_speed_that_counts_the_moments_is_said_to_be_unconfirmed(speed: float | None) -> None:
+    found = drum.evaluate([profile(30.0)] * 40, np.arange(40) / 30, drum_diameter=2 * RADIUS, speed=speed)
+    assert any("speed not confirmed" in warning for warning in found.warnings) is (speed is not None)
+
+
 def test_a_mean_over_time_has_no_scatter_of_one_moment() -> None:
     assert "flow over time" in moments(1).budget
     assert "flow over time" not in moments(1, averaged=True).budget
