@@ -62,16 +62,17 @@ def views_check(what: str, values: Sequence[float], sigmas: Sequence[float], uni
     `sigmas` are the uncertainty components that the views do not share. The weighted sum of squares about the weighted
     mean is tested against the chi-squared distribution.
     """
-    from scipy.special import chdtri  # importing all of scipy.stats takes longer than evaluating a bed
+    from scipy.special import chdtrc  # importing all of scipy.stats takes longer than evaluating a bed
 
     value, weight = np.asarray(values, dtype=np.float64), 1 / np.square(np.asarray(sigmas, dtype=np.float64))
     mean = float(np.sum(weight * value) / np.sum(weight))
     off = float(np.sum(weight * (value - mean) ** 2))
-    passed = off < float(chdtri(len(value) - 1, CHANCE))
+    chance = float(chdtrc(len(value) - 1, off))
+    passed = chance > CHANCE
     usual, scatter = float(np.sqrt(np.mean(1 / weight))), float(np.std(value, ddof=1))
     message = (
         f"the {what} of {len(value)} views scatters by {scatter:.3g} {unit}, their uncertainties explain "
-        f"{usual:.2g} {unit}"
+        f"{usual:.2g} {unit}; chance does as much in {100 * chance:.2g} % of cases"
     )
     ending = "." if passed else ": check that all of them show the same one, unchanged."
     return Check("views_agree", passed, scatter / usual, 1.0, message + ending)
