@@ -46,6 +46,7 @@ class PendulumBench:
         self.condition = np.array([c for c, _, _ in runs])
         self.radius = np.array([condition.bead.radius for _, condition, _ in runs])
         self.mass = np.array([condition.bead.mass for _, condition, _ in runs])
+        self.mean_mass = float(self.mass.mean())
         self.beads = Beads([condition for _, condition, _ in runs])
         self.bead = self.beads.number
         self.length = np.array(lab.setting("length_m"))
@@ -111,6 +112,9 @@ class PendulumBench:
         radius = self.radius
         if any(term.force is not None for term in terms):
             radius = radius + 0.5 * self.beads.of("diameter", values, self.bead)
+        if "thread_stretch_exchanged.measured_under" in values:  # the length of this bead at rest
+            measured = values["thread_stretch_exchanged.measured_under"][:, None] * self.mean_mass
+            length = length * (1 + _compliance(values, local) * self.lab.gravity * (self.mass - measured))
         push, omega = pushing(length, self.mass, radius, self.lab.gravity, values, terms, local[..., 0])
         t0 = local[..., 0]
         since = true - t0[:, self.owner]
@@ -131,9 +135,8 @@ class PendulumBench:
         reach = length[:, self.owner]
         if "thread_creep.rate" in values:
             reach = reach + values["thread_creep.rate"][:, None] * np.maximum(since, 0.0)
-        if "thread_stretch.compliance" in values:
-            more = self.mass[self.owner] * (self.lab.gravity * (np.cos(angle) - 1.0) + reach * rate**2)
-            reach = reach * (1 + values["thread_stretch.compliance"][:, None] * more)
+        more = self.mass[self.owner] * (self.lab.gravity * (np.cos(angle) - 1.0) + reach * rate**2)
+        reach = reach * (1 + _compliance(values, length) * more)
         return np.asarray(reach)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
@@ -146,6 +149,12 @@ class PendulumBench:
         if kind == "diameter":
             return kind, self.bead == self.beads.names.index(rest)
         return (kind, self.which == [f"{one:g}" for one in self.lengths].index(rest)) if kind == "length" else None
+
+
+def _compliance(values: Mapping[str, Array], stack: Array) -> Array:
+    """Strain per force [1/N] of the thread, shape (settings, 1); zero without an effect that stretches it."""
+    names = ("thread_stretch.compliance", "thread_stretch_exchanged.compliance")
+    return sum((values[name] for name in names if name in values), np.zeros(len(stack)))[:, None]
 
 
 def pushing(
@@ -171,7 +180,7 @@ def pushing(
     ]
 
     pull = weight / inertia
-    stretch = values.get("thread_stretch.compliance", np.zeros(len(length)))[:, None] * mass * length
+    stretch = _compliance(values, length) * mass * length
     creep = values.get("thread_creep.rate", np.zeros(len(length)))[:, None]
 
     def fall(angle: Array, _rate: Array) -> Array:

@@ -8,4 +8,7 @@
 - release_speed.py: release speed: the holder pushes or drags the bead as it lets go
 - release_spin.py: release spin: the bead leaves the holder spinning and is deflected sideways at the first bounce
 - rod_mass.py: mass of the rod or thread: the pendulum swings faster than a point mass on a massless thread
+- thread_creep.py: creeping thread: it becomes longer with time under the load
+- thread_stretch.py: elastic thread: it is longer where it is pulled harder
+- thread_stretch_exchanged.py: the same with beads exchanged on one thread, so that a heavier one hangs lower
 """
