@@ -260,8 +260,14 @@ def measure_hopper(
     bin_width: Annotated[
         float | None, quantity("--bin-width", "length", "104mm", "Inner width of the bin, for the scale.")
     ] = None,
+    depth: Annotated[
+        float | None, quantity("--depth", "length", "40mm", "Inner depth of a flat bin, to check the mass.")
+    ] = None,
     total_mass: TotalMass = None,
     bead_diameter: BeadDiameter = None,
+    bead_density: Annotated[
+        float | None, quantity("--bead-density", "density", "568kg/m^3", "Of one bead, to check the mass.")
+    ] = None,
 ) -> Work:
     """A hopper empties: discharge time and flow rate."""
     from rigtwin.measure.hopper import measurement as hopper
@@ -273,6 +279,8 @@ def measure_hopper(
         bead_diameter=bead_diameter,
         total_mass=total_mass,
         bin_width=bin_width,
+        depth=depth,
+        bead_density=bead_density,
         table=table,
     )
 

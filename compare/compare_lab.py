@@ -513,4 +513,5 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
         shapes,
         without_twin=without,
         lost_runs=ran.lost.get(experiment.id, {}),
+        from_media=ran.seen[experiment.id],
     )

@@ -35,6 +35,8 @@ class Outcome:
     """Why no twin is compared: it lacks something, or it failed."""
     lost_runs: Mapping[int, str] = field(default_factory=dict)
     """Why runs of its twin ended without a result, by seed, where others did not."""
+    from_media: str = ""
+    """Settings that the twin takes from the media, in words."""
 
     @property
     def measured(self) -> Measured:

@@ -90,8 +90,10 @@ class Measured:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was rejected, failed, doubtful or replaced, and the warnings of each repetition with its file's name."""
+        # a published particle is as its table prints it: nothing that the user could check
+        own = self.experiment.own_particle
         return (
-            *filter(None, (heavier_than_its_solid(self.experiment.particle),)),
+            *filter(None, (heavier_than_its_solid(self.experiment.particle) if own else "",)),
             *rejections(self.experiment),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
             *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),

@@ -126,7 +126,8 @@ def run(
     check(rig, particle, count=count)
     depth, _ = filled_in(rig)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
-    fill_from = as_given(rig.fill) if count is None else "by the number of beads given"
+    # where a fill is from, the caller knows: it may be stated, or seen in a film
+    fill_from = " (by the number of beads given)" if count else f" ({as_given(None)})" if rig.fill is None else ""
     said = "fill" if count is None else "count"
     if count is None:
         count = filled(rig, particle)
@@ -163,7 +164,7 @@ def run(
         assumptions={
             "depth": f"{depth * 1e3:.3g} mm ({as_given(rig.depth)})",
             "fill": f"{count} beads, {_share(count, rig, depth, particle):.1%} of the volume at a packing of "
-            f"{PACKING:g} ({fill_from})",
+            f"{PACKING:g}{fill_from}",
             "end_walls": "of the drum's material, turning with it"
             + ("" if rig.end_wall_friction is None else f", static friction {rig.end_wall_friction:g}"),
             "filling": f"placed on a loose lattice and let fall, {course.let_go:.2f} s until the bed rested",

@@ -214,6 +214,8 @@ def check(trial: Trial) -> None:
 def _frames(trial: Trial) -> _Frames:
     rig, frame_rate, duration = trial.rig, trial.frame_rate, trial.duration
     _check(rig, trial.particle, frame_rate, trial.stiffness_factor)
+    if not trial.rolls_a_clump:
+        _start(trial)
     if duration is None:
         # the edges of a clump may prevent it from rolling, but not from sliding
         contact = trial.contact
@@ -236,6 +238,11 @@ def _start(trial: Trial) -> tuple[Particle, tuple[float, float, float]]:
     rig, factor = trial.rig, trial.stiffness_factor
     body = _body(rig, trial.particle, factor)
     rest = _depth(body, trial.wall.softened(factor), rig.start_angle)
+    if rest >= body.radius:
+        raise BadInput(
+            f"youngs_modulus: {trial.particle.name} at {factor:g} of its own would sink into the plate by "
+            f"{rest * 1e3:.3g} mm, past its centre; check the modulus of the particle and of the wall."
+        )
     return body, (rig.plate_length / 2, 0.0, body.radius - rest)
 
 
@@ -259,6 +266,7 @@ def _case(trial: Trial, frames: _Frames) -> Case:
         step=contact_step([body], FEW_BODIES),
         rolling=trial.rolling,
         effects=acting(trial.effects),
+        overlap=1.0,  # `_start` puts the body as deep as its weight presses it
     )
 
 

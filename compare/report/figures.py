@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from rigtwin.compare.deviation import Deviation
 
 
+NAME_WIDTH = 44  # letters in a line of a row's name: 2.5 inch of the 7.2, which leaves the axis room for its title
+LINE, BETWEEN = 0.14, 0.14  # [inch], height of a line of a row's name, and between two rows
 MOST_CURVES = 12  # largest number of curves drawn on each side; a drum has hundreds
 TONES = {"good": "#1c7a4d", "bad": "#b3471d", "doubtful": "#8a6400", "plain": "#8a94a0"}  # as in templates/style.css
 DRAWN_ROWS = ("experiment", "quantity", "method", "deviation_percent", "low_95_percent", "high_95_percent", "verdict")
@@ -136,15 +139,20 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | 
     shown = [(row, deviation) for row, deviation in shown if row.percent_deviation_std is not None]
     if not shown:
         return None
-    names = [f"{row.experiment}: {_what(row)}" for row, _ in shown]
-    with canvas(0.8 + 0.28 * len(shown)) as (figure, axes):
+    names = [textwrap.wrap(f"{row.experiment}: {_what(row)}", NAME_WIDTH) for row, _ in shown]
+    tall = np.array([BETWEEN + LINE * len(lines) for lines in names])
+    places, end = np.cumsum(tall) - tall / 2, 1.08 * widest
+    with canvas(0.8 + float(tall.sum())) as (figure, axes):
         axes.axvline(0.0, lw=1, color="#8a94a0")
-        for place, (row, deviation) in enumerate(shown):
-            half = min(half_interval(row), 1e6)  # an interval without an end leaves the axis
-            axes.errorbar(deviation, place, xerr=half, fmt="o", ms=4.5, lw=1.5, color=TONES[tone(row)])
-        axes.set_xlim(-1.08 * widest, 1.08 * widest)
-        axes.set_yticks(range(len(shown)), names, fontsize=8)
-        axes.set_ylim(len(shown) - 0.5, -0.5)
+        for place, (row, deviation) in zip(places, shown, strict=True):
+            half, colour = half_interval(row), TONES[tone(row)]
+            axes.errorbar(deviation, place, xerr=min(half, 1e6), fmt="o", ms=4.5, lw=1.5, color=colour)
+            for side, arrow in ((-1, "<"), (1, ">")):
+                if side * deviation + half > end:  # the interval goes on
+                    axes.plot(side * end, place, arrow, ms=6, color=colour, clip_on=False)
+        axes.set_xlim(-end, end)
+        axes.set_yticks(places, ["\n".join(lines) for lines in names], fontsize=8)
+        axes.set_ylim(float(tall.sum()), 0.0)
         axes.set_xlabel("deviation of the twin from the measurement / %")
         return figure_file(
             figure,
@@ -153,12 +161,13 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | 
             [_row(row, deviation) for row, deviation in shown],
             DRAWN_ROWS,
             "Deviation of each simulated value from the measured one, 100 (simulated - measured) / measured, with its "
-            "95 % interval.",
+            "95 % interval; an arrow marks an interval that goes on beyond the axis.",
         )
 
 
 def _what(row: Deviation) -> str:
-    return ", ".join(words for words in (title(row.quantity), siblings(row.row()), row.method) if words)
+    words = ", ".join(words for words in (title(row.quantity), siblings(row.row()), row.method) if words)
+    return words.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 def _row(row: Deviation, deviation: float) -> dict[str, Any]:

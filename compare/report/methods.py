@@ -322,6 +322,8 @@ def _twin(outcome: Outcome, runs: Sequence[Twin], effects: Mapping[str, Any]) ->
     starts = [_start(first, quantity, source) for quantity, source in first.set_from.items()]
     if starts:
         said.append(f"started from the {listed(starts)}")
+    if outcome.from_media:
+        said.append(f"taken from the media: {outcome.from_media}")
     return "; ".join([*said, *_taken(first)]) + "."
 
 

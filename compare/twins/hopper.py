@@ -190,7 +190,13 @@ class HopperEntry(ManyBodyEntry[HopperSettings]):
     run_name: ClassVar[str] = "discharge"
 
     def known(self, experiment: Experiment) -> dict[str, Any]:
-        return {"bin_width": self.rig(experiment).bin_width, "total_mass": self.filling(experiment)}
+        rig = self.rig(experiment)
+        return {
+            "bin_width": rig.bin_width,
+            "depth": rig.depth,
+            "total_mass": self.filling(experiment),
+            "bead_density": experiment.particle.effective_density,
+        }
 
     def stated(self, experiment: Experiment) -> list[Stated]:
         rig = self.rig(experiment)

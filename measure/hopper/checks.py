@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.arrays import Array
+from rigtwin.lab.materials import PACKING
 from rigtwin.lab.quantity import Check, Quantity
 from rigtwin.measure.bulk.checks import size_unseen, spacing_check
 from rigtwin.measure.hopper.evaluate import Instant
@@ -47,6 +48,10 @@ BLIND = 0.085  # bits per pixel, fewer than in any of these films: how long moti
 # Least difference of bed and empty hopper over the noise.  The shaded half of a bead differs by half as much, and that
 # must exceed three times the noise, which noise rarely reaches, by one.
 BED_CLEAR = 8.0
+
+# Largest ratio of a stated mass and that of the bed seen, either way.  Beds of 4 to 6 beads in depth fill 0.47 to 0.52
+# of the visible area times the depth, where `PACKING` is assumed; a digit too many is a ratio of 10.
+MASS_OFF = 2.0
 
 FAINTEST = 12.5  # [grey levels], the same for a film without noise: one quantiser step of a codec at usual strength
 
@@ -124,6 +129,23 @@ def size_check(
         missing = missing if spacing is not None else "the bed shows no pattern of beads"
         return size_unseen("the scale and the outlet velocity depend", source, missing)
     return spacing_check(spacing / seen.lens.zoom * scale, uncertainty, bead_diameter, source)
+
+
+def mass_check(
+    seen: Outflow, scale: float | None, total_mass: float | None, depth: float | None, bead_density: float | None
+) -> Check | str:
+    """Check the stated mass [kg] against that of the bed seen, a slab of the stated depth [m]; empty if one is open."""
+    if scale is None or total_mass is None or depth is None or bead_density is None:
+        return ""
+    area = float(seen.scenery.bed.sum()) * (scale / seen.lens.zoom) ** 2
+    slab = PACKING * bead_density * area * depth
+    passed = 1 / MASS_OFF < total_mass / slab < MASS_OFF
+    message = (
+        f"the bed seen, {1e4 * area:.3g} cm^2 over a depth of {1e3 * depth:.3g} mm, holds about {1e3 * slab:.2g} g at "
+        f"a packing of {PACKING:g}, and {1e3 * total_mass:.3g} g are stated"
+    )
+    advice = ": check mass or count, depth, and size and density of the beads; all of the bed must be in view"
+    return Check("filling_mass", passed, total_mass, slab, message + ("." if passed else f"{advice}."))
 
 
 def rate_check(

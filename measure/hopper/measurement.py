@@ -27,6 +27,7 @@ from rigtwin.measure.hopper.checks import (
     compression_effect,
     flow_timing_check,
     hidden_share,
+    mass_check,
     rate_check,
     size_check,
     spoils_times,
@@ -68,6 +69,8 @@ def measure(
     bead_diameter: float | None = None,
     total_mass: float | None = None,
     bin_width: float | None = None,
+    depth: float | None = None,
+    bead_density: float | None = None,
     table: TableOptions | None = None,
     out: Path | None = None,
     progress: Progress = silent,
@@ -87,6 +90,10 @@ def measure(
         Mass of the filling [kg]; needed for the mass flow rate.
     bin_width : float, optional
         Inner width of the bin [m].
+    depth : float, optional
+        Inner depth of a flat bin along the line of sight [m]; with `bead_density` the mass is checked against the bed.
+    bead_density : float, optional
+        Density of a single bead [kg/m^3].
     table : TableOptions, optional
         Columns of a table.
     out : Path
@@ -112,7 +119,13 @@ def measure(
     The slot opens when the trailing edge of the slide passes the near edge of the slot.  The last particle is out when
     its centre is one radius below the slot, which is when its upper edge passes the slot.
     """
-    positive(bead_diameter=bead_diameter, total_mass=total_mass, bin_width=bin_width)
+    positive(
+        bead_diameter=bead_diameter,
+        total_mass=total_mass,
+        bin_width=bin_width,
+        depth=depth,
+        bead_density=bead_density,
+    )
     if is_table(clip):
         return _measure_table(clip, camera, table, total_mass, out)
     video = at_its_pace(open_video(clip, camera), progress)
@@ -148,7 +161,10 @@ def measure(
         "frames": len(seen.moments),
     } | camera.stated_view
     velocity = outlet_velocity(seen, scale, scale_uncertainty, bin_width)
-    quantities = evaluation.quantities
+    mass = mass_check(seen, scale, total_mass, depth, bead_density)
+    quantities = tuple(
+        doubted(one, failed_message(mass)) if one.quantity == "mass_flow_rate" else one for one in evaluation.quantities
+    )
     size: Check | str = ""
     rate: Check | str = (
         "frame rate not confirmed: without a scale the fall of the beads cannot be compared with gravity."
@@ -163,7 +179,7 @@ def measure(
             seen, outlet, width, video.frame_rate, scale=scale, uncertainty=scale_uncertainty, hidden=hidden > HIDDEN
         )
         quantities = quantities if outlet is None else (*quantities, outlet)
-    outcomes = (timing, rate, size, still, nothing_level(seen.upright))
+    outcomes = (timing, rate, size, mass, still, nothing_level(seen.upright))
     warnings += [each for each in outcomes if isinstance(each, str) and each]
     judged = [each for each in outcomes if isinstance(each, Check)]
     checks = (

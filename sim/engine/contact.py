@@ -20,6 +20,7 @@ Rolling = Literal["type A", "type A explicit", "type C"]
 ROLLING: tuple[Rolling, ...] = ("type A", "type A explicit", "type C")
 ContactLaw = Literal["Hertz-Mindlin", "linear"]
 CONTACT_LAWS: tuple[ContactLaw, ...] = ("Hertz-Mindlin", "linear")
+OVERLAP_AT_START = 1e-3  # [radii], default largest overlap of bodies that are placed; more is taken for an input error
 IMPACT_SPEED = 1.0  # [m/s], default impact speed at which a linear spring is as stiff as Hertz's contact
 
 # columns of a table of pair laws

@@ -3,7 +3,9 @@
 import json
 import math
 import re
+import shutil
 from dataclasses import asdict, fields, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -287,6 +289,20 @@ def test_sizes_that_no_twin_can_have_are_named_where_only_the_media_are_measured
         (tmp_path / "lab.toml").write_text(f'[[experiments]]\n{keys}outlet = "{outlet}"\ncount = 90\n')
         found = [said for said in measure_lab(tmp_path, tmp_path / "out").warnings if "the twin cannot be run" in said]
         assert [said.startswith(f"flow: {words}") for said in found] == [True] * bool(words)
+
+
+def test_a_filling_that_is_ten_times_too_heavy_or_too_light_for_the_bed_seen_makes_its_flow_doubtful(tmp_path):
+    shutil.copy(Path(__file__).parents[2] / "sample_media/seven_rigs/hopper.mp4", tmp_path)
+    keys = 'id = "flow"\nrig = "hopper"\nparticle = "D6"\nwall = "PMMA"\nvariant = "slot"\noutlet = "25 mm"\n'
+    keys += 'bin_width = "60 mm"\ndepth = "40 mm"\nrepetitions = ["hopper.mp4"]\ncamera.frame_rate = "120 Hz"\n'
+    # 400 beads of 0.071 g were drawn
+    for mass, doubtful in (("2.84 g", True), ("28.4 g", False), ("284 g", True)):
+        (tmp_path / "lab.toml").write_text(f'[[experiments]]\n{keys}total_mass = "{mass}"\n')
+        found = measure_lab(tmp_path, tmp_path / "out", workers=1)
+        (flow,) = (row for row in found.means if row.quantity == "mass_flow_rate")
+        assert (f"and {mass} are stated: check mass or count" in flow.doubtful) == doubtful
+        (time,) = (row for row in found.means if row.quantity == "discharge_time")
+        assert not time.doubtful
 
 
 def test_a_mean_has_the_same_uncertainty_with_and_without_a_comparison(lab, tmp_path):

@@ -54,6 +54,18 @@ def test_a_stated_drop_height_that_the_record_contradicts_is_named_with_both(sta
     assert (f"{stated:.5g} mm is stated" in said) == named
 
 
+def test_a_mass_is_questioned_where_the_lab_states_it_and_not_where_the_reference_does(tmp_path):
+    (tmp_path / "ball.csv").touch()
+    lab = LAB.format("").replace("D6", "D6_ABS")
+    stated = '[particles.D6_ABS]\nmaterial = "ABS"\ndiameter = "6 mm"\nmass = "0.2 g"\n'
+    for text, questioned in ((lab, False), (stated + lab, True)):
+        (tmp_path / "lab.toml").write_text(text)
+        (experiment,) = read_lab(tmp_path).experiments
+        assert experiment.particle.mass == pytest.approx(2e-4, rel=0.01)
+        said = " ".join(Measured(experiment, (), ()).warnings)
+        assert ("D6_ABS weighs 0.2 g, which is 1768 kg/m^3, and ABS has 1050" in said) == questioned
+
+
 def swing(folder, release):
     """The experiment of a lab whose one pendulum, let go at 48 degrees, bounces back from a wall below its hinge."""
     length, frames, start = 0.19, np.arange(180) / 240, (-math.radians(48), 0.0)

@@ -212,6 +212,9 @@ def test_what_the_rig_leaves_open_is_in_the_result():
     assert made.assumptions["depth"] == "25 mm (not stated: assumed)"
     assert made.assumptions["fill"].startswith("40 beads")
     assert made.assumptions["fill"].endswith("(by the number of beads given)")
+    # a fill may be stated or seen in a film: the rig does not say which
+    assert turned(Drum(0.05, 10.0, fill=0.1), turns=0.1).assumptions["fill"].endswith("at a packing of 0.6")
+    assert turned(Drum(0.05, 10.0), turns=0.1).assumptions["fill"].endswith("(not stated: assumed)")
 
 
 def test_too_few_beads_have_no_mixing_index():

@@ -1,6 +1,7 @@
 """Tilting plate: onset at the angle of friction, then the closed forms of sliding and rolling."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,3 +145,28 @@ def test_a_plate_that_starts_inclined_and_one_that_turns_slowly_agree():
 def test_impossible_plates_are_refused(rig, words):
     with pytest.raises(BadInput, match=words):
         tilt.run(rig, D6, STEEL, Contact(0.42, 0.36), frame_rate=240)
+
+
+@pytest.mark.parametrize("variant", ["roll", "slide"])
+def test_every_sphere_of_the_reference_stays_on_every_wall_until_its_onset(variant):
+    # soft ABS and heavy steel sink most into the softened plate, D6_ABS by more than a thousandth of its radius
+    rig = Tilt(variant, speed=math.radians(20))
+    names = [(bead, wall) for bead in ("D4", "D6", "D12", "D6_ABS", "D5_steel") for wall in hlosta2020.WALLS]
+    trials = [
+        tilt.Trial(
+            rig, hlosta2020.particle(bead), hlosta2020.material(wall), hlosta2020.contact(bead, wall), frame_rate=240
+        )
+        for bead, wall in names
+    ]
+    for (bead, wall), trial, (series, track) in zip(names, trials, tilt.run_many(trials), strict=True):
+        way, height = in_the_plate(series, track)
+        late = rig.speed * (6 * 1e-4 / (5 / 7 * GRAVITY * rig.speed)) ** (1 / 3)
+        held = tilt.onset(rig, trial.contact)
+        assert held - 1e-3 < onset_of(series, way) < held + 2 * late, (bead, wall)
+        assert np.all(np.abs(height - trial.particle.radius) < 5e-3 * trial.particle.radius), (bead, wall)
+
+
+def test_a_body_that_would_sink_past_its_centre_is_refused():
+    jelly = replace(D6, material=replace(D6.material, youngs_modulus=1e3))
+    with pytest.raises(BadInput, match=r"youngs_modulus: D6 .* past its centre; check the modulus"):
+        tilt.run(Tilt("slide", speed=FAST), jelly, STEEL, Contact(0.42, 0.36), frame_rate=240)

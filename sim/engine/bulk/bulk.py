@@ -32,7 +32,15 @@ from rigtwin.sim.engine.bulk import table_layout as at
 from rigtwin.sim.engine.bulk.neighbour_list import LARGE
 from rigtwin.sim.engine.bulk.particle_state import Beads, Grains
 from rigtwin.sim.engine.bulk.thread_team import Crew
-from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
+from rigtwin.sim.engine.contact import (
+    IMPACT_SPEED,
+    LAW_SIZE,
+    OVERLAP_AT_START,
+    ContactLaw,
+    Mechanics,
+    Rolling,
+    pair_law,
+)
 from rigtwin.sim.engine.device import Device
 from rigtwin.sim.engine.effect_terms import Active, Terms, adhesion_of, terms_of
 from rigtwin.sim.engine.time_step import UNSTABLE
@@ -51,7 +59,6 @@ SKIN = 0.1  # [diameters of the largest particle], default Verlet skin
 BEADS_PER_THREAD = 500  # with fewer an additional thread gains no speed
 BEADS_IN_PARTS = 4000  # with fewer, listing takes less time than compiling the code that joins parts
 LAUNCH_SECONDS = 0.25  # [s] per launch, so that progress and Ctrl-C are handled at least twice a second
-OVERLAP_AT_START = 1e-3  # [radii], largest overlap of new particles; more is taken for an input error
 STEP_IN_RADII = 0.2  # [radii], largest displacement of a bead or a wall in a step
 FEW = 300  # spheres up to which testing all pairs is faster than importing SciPy
 

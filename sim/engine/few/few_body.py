@@ -24,7 +24,15 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.engine import backend
-from rigtwin.sim.engine.contact import IMPACT_SPEED, LAW_SIZE, ContactLaw, Mechanics, Rolling, pair_law
+from rigtwin.sim.engine.contact import (
+    IMPACT_SPEED,
+    LAW_SIZE,
+    OVERLAP_AT_START,
+    ContactLaw,
+    Mechanics,
+    Rolling,
+    pair_law,
+)
 from rigtwin.sim.engine.effect_terms import Active, checked
 from rigtwin.sim.engine.few import batch
 from rigtwin.sim.engine.few import step as few_step
@@ -77,6 +85,7 @@ class Case:
     contact_law: ContactLaw = "Hertz-Mindlin"
     impact_speed: float = IMPACT_SPEED  # [m/s]
     effects: Sequence[Active] = ()
+    overlap: float = OVERLAP_AT_START  # [radii], largest at t = 0 with walls and other bodies
     name: str = ""  # in error messages; default: its index, as in "cases[3]"
 
 
@@ -268,7 +277,7 @@ def _ready(cases: Sequence[Case]) -> list[_Ready]:
 
 def _in_numbers(case: Case) -> Copy:
     times = np.ascontiguousarray(case.times, dtype=np.float64)
-    _check(case.bodies, times, case.walls, case.contacts)
+    _check(case, times)
     step = case.step
     if step is None:
         step = min(contact_step([body.particle for body in case.bodies]), case.flight_step)
@@ -327,12 +336,8 @@ def _walls(case: Case, kinds: Sequence[Particle]) -> WallTable:
     return replace(table, elements=elements, motion=table.motion[:count], law=table.law[:, :count])
 
 
-def _check(
-    bodies: Sequence[Body],
-    times: Array,
-    walls: Sequence[Wall],
-    contacts: Mapping[tuple[int, int], Contact] | Contact | None,
-) -> None:
+def _check(case: Case, times: Array) -> None:
+    bodies, walls = case.bodies, case.walls
     if not 1 <= len(bodies) <= BODIES:
         raise BadInput(
             f"bodies: {len(bodies)} were given; this engine takes 1 to {BODIES}, use the bulk engine for more."
@@ -353,13 +358,13 @@ def _check(
         bad = int(np.flatnonzero(~np.isfinite(state).all(axis=1))[0])
         raise BadInput(f"body {bad}: its position, velocity or spin is not a finite number.")
     centres, radii = state[:, :3], np.array([b.particle.radius for b in bodies])
-    tolerance = 1e-3 * radii  # suspended beads touch, so an overlap of 1/1000 of a radius is not an input error
+    tolerance = case.overlap * radii
     for wall in walls:
         gap = gaps(wall.shape, wall.motion.undone(centres, 0.0) if wall.motion else centres, radii)
         if np.any(gap < -tolerance):
             bad = int(np.argmin(gap))
             raise BadInput(f"body {bad} starts {-gap[bad] * 1e3:.3g} mm inside a wall; move it out.")
-    for i in range(len(bodies) if contacts is not None else 0):
+    for i in range(len(bodies) if case.contacts is not None else 0):
         gap = np.linalg.norm(centres[i + 1 :] - centres[i], axis=1) - radii[i + 1 :] - radii[i]
         if np.any(gap < -tolerance[i]):
             bad = i + 1 + int(np.argmin(gap))

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,6 +11,7 @@ from PIL import Image
 
 from rigtwin.compare.report import figure_file as subject
 from rigtwin.compare.report.figure_file import figure_file, figure_files
+from rigtwin.compare.report.figures import deviations_figure
 from rigtwin.compare.report.page import drawn_figures
 from rigtwin.compare.report.plot_style import canvas
 from rigtwin.compare.result_files import write_together
@@ -85,6 +87,34 @@ def test_the_figure_of_the_deviations_has_their_intervals(whole, figures):
         half = deviation.coverage_factor * deviation.percent_deviation_std
         assert (middle - low, high - middle) == pytest.approx((half, half), rel=1e-6)
         assert row["verdict"] == deviation.verdict
+
+
+def test_long_names_are_wrapped_and_an_interval_that_leaves_the_axis_has_an_arrow(whole, monkeypatch, coarse_bitmaps):
+    monkeypatch.setattr(subject, "DPI", coarse_bitmaps)
+    row = whole.deviations[0]
+    long = [
+        replace(
+            row,
+            experiment=f"hopper-with-a-long-name-{number}",
+            quantity="discharge_time",
+            method="trailing edge of the slide to upper edge of the last bead at the slot",
+            percent_deviation=10.0 * number,
+            percent_deviation_std=8.0,
+            coverage_factor=2.0,
+        )
+        for number in range(5)
+    ]
+    within, beyond = (deviations_figure(long, widest) for widest in (100.0, 40.0))
+    for figure in (within, beyond):
+        with Image.open(io.BytesIO(figure.png)) as picture:
+            pixels = np.asarray(picture.convert("L"))
+        edge = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+        assert edge.min() == 255, "nothing is cut at the edge of the picture"
+        words = [one.text or "" for one in ElementTree.fromstring(figure.svg.encode()).iter(f"{SVG}text")]
+        assert max(map(len, words)) < 50
+        assert " ".join(words).count("of the last bead at the slot") == len(long)
+    # the axis ends at 43.2 %, the intervals at 16, 26, 36, 46 and 56 %
+    assert beyond.svg.count("<use") - within.svg.count("<use") == 2
 
 
 def test_figures_that_are_not_drawn_again_are_removed_and_those_of_other_pages_stay(tmp_path):

@@ -96,6 +96,15 @@ def test_what_was_not_done_is_not_described(comparison):
     assert "hu2019" not in text
 
 
+def test_what_a_twin_takes_from_the_media_is_stated(comparison):
+    whole = comparison()
+    fall, heap = whole.outcomes
+    assert "from the media" not in methods(whole, VERSIONS).markdown
+    seen = replace(whole, outcomes=(fall, replace(heap, from_media="1300 particles, by the volume of the heap")))
+    twin = methods(seen, VERSIONS).markdown.partition("Twin of `heap`")[2]
+    assert "; taken from the media: 1300 particles, by the volume of the heap; " in twin
+
+
 def test_a_run_that_failed_is_stated_with_its_reason(comparison):
     whole = comparison()
     fall, heap = whole.outcomes
