@@ -239,7 +239,7 @@ def measuring(
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
     kept = KeptMeasurements(out, again=again)
-    keys = [kept.key(experiment, views, known(experiment)) for experiment, views, _ in jobs]
+    keys = [kept.key(experiment, views, known(experiment), folder) for experiment, views, folder in jobs]
     before = {k: kept.find(keys[k], jobs[k][1]) for k in range(len(jobs))}
     # the views of a pile are one long job: start it first, so that the others run beside it
     new = sorted((k for k, found in before.items() if found is None), key=lambda k: -len(jobs[k][1]))

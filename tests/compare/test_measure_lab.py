@@ -160,7 +160,7 @@ def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
     found = measure_lab(lab, out).measured[0].measurements[0]
     kept = KeptMeasurements(out)
     views = experiment.repetitions[0]
-    again = kept.find(kept.key(experiment, views, known(experiment)), views)
+    again = kept.find(kept.key(experiment, views, known(experiment), out / "drop"), views)
     assert plain(asdict(again)) == plain(asdict(found))
     for mine, other in zip(again.tracks, found.tracks, strict=True):
         np.testing.assert_array_equal(mine.position, other.position)
@@ -203,6 +203,40 @@ def test_a_setting_that_is_changed_back_gives_the_pictures_of_its_own_measuremen
     measured.clear()
     plots()
     assert measured == []
+
+
+def test_files_of_a_kept_measurement_are_those_of_its_own_clip_after_the_list_has_changed(lab, tmp_path, measured):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    for number in (1, 2, 3):
+        (lab / f"d{number}").mkdir()
+        (lab / f"d{number}" / "r01.csv").write_text(falls(0.5 + number / 20))
+
+    def plots(*clips):
+        path.write_text(LAB.replace('["drops/"]', json.dumps([f"d{clip}/r01.csv" for clip in clips])))
+        found = measure_lab(lab, out).measured[0].measurements
+        assert [one.source.parent.name for one in found] == [f"d{clip}" for clip in clips]
+        return {clip: _curves(one.files["plot"].read_bytes()) for clip, one in zip(clips, found, strict=True)}
+
+    before = plots(1, 2)
+    after = plots(2, 3)
+    assert after[2] == before[2]
+    assert after[3] not in (after[2], before[1])
+    measured.clear()
+    assert plots(2, 3) == after
+    assert measured == []
+
+
+def test_an_experiment_under_another_name_has_its_own_files(lab, tmp_path):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    one, two = (f'[[experiments]]\nid = "{name}"\nrig = "drop"\nparticle = "D6"\nwall = "steel"\n' for name in "ab")
+    (lab / "other").mkdir()
+    (lab / "other" / "r1.csv").write_text(falls(0.8))
+    path.write_text(f'{one}repetitions = ["drops/r1.csv"]\n')
+    measure_lab(lab, out)
+    path.write_text(f'{two}repetitions = ["drops/r1.csv"]\n{one}repetitions = ["other/r1.csv"]\n')
+    for _ in range(2):
+        found = [each.measurements[0].files["plot"] for each in measure_lab(lab, out).measured]
+        assert found == [out / "b" / "r1-plot.svg", out / "a" / "r1-plot.svg"]
 
 
 def _curves(plot):
