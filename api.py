@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -48,7 +47,7 @@ def measure(
     *media : str or pathlib.Path
         One clip, or one or more photos of the same bed or heap.
     out : str or pathlib.Path, optional
-        Folder for overlay pictures, plot and record.  Without it none are made.
+        Folder for overlay pictures, plot, record and ``NAME-measurement.json``.  Without it none are made.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
     **settings : str, float, int, pathlib.Path, sequence of str or None
@@ -79,7 +78,7 @@ def measure(
     0.41
     """
     from rigtwin.commands import measure as commands
-    from rigtwin.commands.output_folder import claimed
+    from rigtwin.commands.output_folder import check_own, claimed, keep
     from rigtwin.commands.run_command import media_of
     from rigtwin.lab.progress import silent
 
@@ -95,9 +94,14 @@ def measure(
         )
     work = _work(command, {positional: paths if many else paths[0]}, settings)
     folder = None if out is None else _path("out", out)
-    with nullcontext() if folder is None else claimed(folder):
-        measurement: Measurement = _run(work, out=folder, progress=progress or silent)
-    return measurement
+    measurement: Measurement
+    if folder is None:
+        measurement = _run(work, out=None, progress=progress or silent)
+        return measurement
+    with claimed(folder):
+        _in_own_words(lambda: check_own(folder, work.args[0]))
+        measurement = _run(work, out=folder, progress=progress or silent)
+        return keep(measurement, folder, work.args[0])
 
 
 def simulate(rig: RigName | Literal["custom"], *, progress: Progress | None = None, **settings: Setting) -> Twin:

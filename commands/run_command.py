@@ -47,7 +47,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
 
     def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool, **_log: Path | None) -> None:
         work: Work = own()
-        from rigtwin.commands.output_folder import claimed, keep, results_folder
+        from rigtwin.commands.output_folder import check_own, claimed, keep, results_folder
 
         with ExitStack() as claim:
             if out is None:
@@ -55,6 +55,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
                 out = claim.enter_context(results_folder(rig, work.args[0]))
             else:
                 claim.enter_context(claimed(out))
+                check_own(out, work.args[0])
             measurement = keep(_done(partial(work, out=out), hidden=as_json or quiet), out, work.args[0])
         show_measurement(log_file.warned(measurement, attrgetter("warnings")), as_json, quiet)
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rigtwin
 from rigtwin.cli import run
 from rigtwin.commands.display import show_measurement
 from rigtwin.lab.errors import BadInput
@@ -585,14 +586,23 @@ def measure_into(capfd, *arguments: object) -> Path:
     return Path(json.loads(capfd.readouterr().out)["files"]["measurement"]).parent
 
 
-def test_clips_of_one_name_never_write_into_the_same_folder_unless_asked_to(tmp_path, capfd):
+def test_clips_of_one_name_never_write_into_the_same_folder(tmp_path, capfd):
     oak, ash = bounces(tmp_path / "oak/r01.csv", 0.6), bounces(tmp_path / "ash/r01.csv", 0.7)
     assert measure_into(capfd, oak) == Path("out/drop/r01")
     assert measure_into(capfd, ash) == Path("out/drop/r01~2")
     assert measure_into(capfd, oak) == Path("out/drop/r01")
     assert measure_into(capfd, oak, "--out", "mine") == Path("mine")
-    assert measure_into(capfd, ash, "--out", "mine") == Path("mine")
-    assert json.loads(Path("mine/r01-measurement.json").read_text())["source"]["file"] == str(ash)
+    assert measure_into(capfd, oak, "--out", "mine") == Path("mine"), "the same clip again replaces its own results"
+    document = Path("mine/r01-measurement.json")
+    kept = document.read_text()
+    said = f"mine: holds results of {oak}, which would be lost; give --out another folder, or delete {document}."
+    refused(["measure", "drop", str(ash), "--out", "mine"], capfd, said)
+    with pytest.raises(BadInput, match=r"mine: holds results of .*oak/r01.csv, which would be lost; give out another"):
+        rigtwin.measure("drop", ash, out="mine")
+    assert document.read_text() == kept
+    document.unlink()
+    assert rigtwin.measure("drop", ash, out="mine").files["measurement"] == document
+    refused(["measure", "drop", str(oak), "--out", "mine"], capfd, f"mine: holds results of {ash}")
 
 
 def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(capfd):
