@@ -33,7 +33,7 @@ Setting = str | float | int | Path | Sequence[str | Path] | None
 
 def measure(
     rig: RigName,
-    *media: str | Path,
+    *media: str | Path | Sequence[str | Path],
     out: str | Path | None = None,
     progress: Progress | None = None,
     **settings: Setting,
@@ -44,7 +44,7 @@ def measure(
     ----------
     rig : str
         The rig that the media show, one of `rigtwin.lab.rigs.RIGS`.
-    *media : str or pathlib.Path
+    *media : str, pathlib.Path or sequence of these
         One clip, or one or more photos of the same bed or heap.
     out : str or pathlib.Path, optional
         Folder for overlay pictures, plot, record and ``NAME-measurement.json``.  Without it none are made.
@@ -85,13 +85,14 @@ def measure(
     if rig not in RIGS:
         raise _unknown("rig", rig, RIGS)
     command = _command(commands.app, rig)
-    paths = [_path("media", each) for each in media]
+    several = (each if isinstance(each, (list, tuple)) else (each,) for each in media)
+    paths = [_path("media", one) for each in several for one in each]
     positional = media_of(command)
     many = positional == "photos"
-    if not paths or (len(paths) > 1 and not many):
-        raise BadInput(
-            f"measure {rig}: {len(paths)} media are given; give {'at least one photo' if many else 'one clip'}."
-        )
+    if not paths:
+        raise BadInput(f"measure {rig}: no media are given; give {'at least one photo' if many else 'one clip'}.")
+    if len(paths) > 1 and not many:
+        raise BadInput(f"{commands.one_clip(rig, len(paths))}.")
     work = _work(command, {positional: paths if many else paths[0]}, settings)
     folder = None if out is None else _path("out", out)
     measurement: Measurement

@@ -781,6 +781,29 @@ def test_a_results_folder_without_a_name_is_refused(capfd):
     assert not Path("quantities.json").exists()
 
 
+def test_a_clip_without_its_rig_and_a_path_that_is_not_there_are_refused(tmp_path, capfd):
+    (tmp_path / "mine").mkdir()
+    Path("mine/a.mp4").touch()
+    refused(
+        ["measure", "mine/a.mp4"], capfd, "the rig", "is missing", "as in `rigtwin measure drop mine/a.mp4`; rigs are"
+    )
+    refused(["measure", "mine/b.mp4"], capfd, "mine/b.mp4: no such file or folder")
+    refused(["measure", str(tmp_path / "nolab")], capfd, f"{tmp_path / 'nolab'}: no such file or folder")
+    refused(["measure", "dorp", "mine/a.mp4"], capfd, "did you mean 'drop'")
+
+
+def test_several_clips_of_a_rig_that_takes_one_are_refused_with_what_to_do(capfd):
+    clips = [f"clip{number}.mp4" for number in range(60)]
+    said = "measure tilt takes one clip, and 60 are given; for several make a lab, with `rigtwin init LAB`"
+    refused(["measure", "tilt", "--variant", "slide", *clips, "--quiet"], capfd, said)
+    refused(["measure", "drop", "a.mp4", "240Hz"], capfd, "extra argument(s) (240Hz)")
+    for media in (clips, [clips]):
+        with pytest.raises(BadInput, match=r"^measure drop takes one clip, and 60 are given; for several make a lab"):
+            rigtwin.measure("drop", *media)
+    with pytest.raises(BadInput, match=r"^measure drop: no media are given; give one clip"):
+        rigtwin.measure("drop")
+
+
 def test_twins_of_two_rigs_do_not_come_to_one_folder(capfd):
     drop = ["simulate", "drop", "--drop-height", "50mm", "--out", "both", "--quiet"]
     assert run(drop) == run(drop) == 0  # the same rig anew takes the place of what was there

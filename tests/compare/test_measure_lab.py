@@ -379,7 +379,7 @@ def test_compare_uses_what_measure_has_kept(lab, measured):
 
 def test_a_name_that_is_neither_rig_nor_lab_is_refused(tmp_path, capsys):
     assert run(["measure", "nowhere"]) == 2
-    assert "No such command 'nowhere'" in capsys.readouterr().err
+    assert "nowhere: is neither a rig nor a lab folder; rigs are drop" in capsys.readouterr().err
     with pytest.raises(BadInput, match="there is no 'lab'; known are drop"):
         rigtwin.measure("lab", tmp_path)
     with pytest.raises(BadLabFile, match="no such file"):
