@@ -294,6 +294,28 @@ def test_a_doubtful_repetition_that_no_mean_counts_is_named(lab, tmp_path, capsy
     assert "drop: r3.csv is doubtful and excluded from the mean of" in said
 
 
+def test_copies_that_differ_in_their_bytes_count_once_in_a_mean_and_are_named_in_one_line(lab, tmp_path, capsys):
+    film = falls(0.51)
+    for number in range(1, 9):
+        (lab / "drops" / f"r{number}.csv").write_text(film + "\n" * number)
+    (lab / "drops" / "r10.csv").write_text(falls(0.53))
+    found = measure_lab(lab, tmp_path / "out", only=["drop"])
+    said = [one for one in found.warnings if "copies of one clip" in one]
+    assert len(said) == 1
+    assert said[0].startswith(
+        "drop: r2.csv and 6 others are doubtful and excluded from the mean of Restitution on the wall"
+    )
+    assert said[0].endswith(": the same result to the last digit as r1.csv: copies of one clip?")
+    first = next(one for one in found.means if one.quantity == "restitution_wall")
+    assert (first.measured_n, first.doubtful) == (2, "")
+    assert first.measured == pytest.approx(0.52, abs=0.003)
+    doubtful = [row["repetition"] for row in found.rows if "copies of one clip?" in row["doubtful"]]
+    assert set(doubtful) == {f"drops/r{number}.csv" for number in range(2, 9)}
+    again = measure_lab(lab, tmp_path / "out", only=["drop"])
+    assert again.warnings == found.warnings
+    assert again.rows == found.rows
+
+
 def test_a_failed_check_stands_beside_rows_that_do_not_rest_on_it(lab, capsys):
     for number in (1, 2, 10):
         (lab / "drops" / f"r{number}.csv").write_text(falls(0.5 + number / 100, clock=1.3))
