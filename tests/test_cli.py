@@ -776,6 +776,25 @@ def test_a_results_folder_that_is_a_file_is_refused_before_any_work(folder, tmp_
     refused(["measure", "drop", "x.mp4", "--out", folder], capfd, "--out", "taken.mp4 is a file", "another name")
 
 
+def test_a_file_that_stands_where_results_go_is_refused_without_a_word_of_an_out_that_was_not_given(tmp_path, capfd):
+    lab = lab_with(tmp_path)
+    out = Path(lab) / "out"
+    out.touch()
+    for command in ("measure", "compare"):
+        assert run([command, str(lab)]) == 2
+        assert capfd.readouterr().err.startswith(
+            f"rigtwin: {out} is a file, and results go into the folder {out}; move it"
+        )
+
+
+def test_a_photo_for_a_film_and_a_film_for_a_photo_are_named(empty_video, capfd):
+    import cv2
+
+    cv2.imwrite("photo.jpg", np.full((60, 80, 3), 120, np.uint8))
+    refused(["measure", "drop", "photo.jpg"], capfd, "photo.jpg: is a picture (JPEG) and no film")
+    refused(["measure", "pile", str(empty_video)], capfd, f"{empty_video}: is a film (MP4) and no photo")
+
+
 def test_a_results_folder_without_a_name_is_refused(capfd):
     refused(["simulate", "drop", "--drop-height", "50mm", "--out", ""], capfd, "--out", "empty")
     assert not Path("quantities.json").exists()

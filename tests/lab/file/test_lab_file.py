@@ -219,6 +219,17 @@ def test_a_copy_of_a_clip_under_another_name_is_refused_and_both_are_named(folde
     assert len(read_lab(folder).experiments[0].repetitions) == 2
 
 
+def test_a_table_of_an_experiment_beside_the_experiments_is_refused_with_its_place(folder):
+    path = folder / "lab.toml"
+    text = path.read_text()
+    path.write_text(f'[camera]\nframe_rate = "240 Hz"\n{text}')
+    with pytest.raises(BadLabFile, match=r"line 1: camera: unknown key; .* experiment: .*\[experiments\.camera\]"):
+        read_lab(folder)
+    path.write_text(f"[particle.ash]\n{text}")
+    with pytest.raises(BadLabFile, match=r"particle: unknown key; did you mean 'particles'"):
+        read_lab(folder)
+
+
 def test_many_copies_of_one_clip_are_refused_in_one_line(folder):
     (folder / "clips").mkdir()
     for number in range(1, 61):
