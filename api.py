@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -34,7 +33,7 @@ Setting = str | float | int | Path | Sequence[str | Path] | None
 
 def measure(
     rig: RigName,
-    *media: str | Path,
+    *media: str | Path | Sequence[str | Path],
     out: str | Path | None = None,
     progress: Progress | None = None,
     **settings: Setting,
@@ -45,10 +44,10 @@ def measure(
     ----------
     rig : str
         The rig that the media show, one of `rigtwin.lab.rigs.RIGS`.
-    *media : str or pathlib.Path
+    *media : str, pathlib.Path or sequence of these
         One clip, or one or more photos of the same bed or heap.
     out : str or pathlib.Path, optional
-        Folder for overlay pictures, plot and record.  Without it none are made.
+        Folder for overlay pictures, plot, record and ``NAME-measurement.json``.  Without it none are made.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
     **settings : str, float, int, pathlib.Path, sequence of str or None
@@ -79,25 +78,31 @@ def measure(
     0.41
     """
     from rigtwin.commands import measure as commands
-    from rigtwin.commands.output_folder import claimed
+    from rigtwin.commands.output_folder import check_own, claimed, keep
     from rigtwin.commands.run_command import media_of
     from rigtwin.lab.progress import silent
 
     if rig not in RIGS:
         raise _unknown("rig", rig, RIGS)
     command = _command(commands.app, rig)
-    paths = [_path("media", each) for each in media]
+    several = (each if isinstance(each, (list, tuple)) else (each,) for each in media)
+    paths = [_path("media", one) for each in several for one in each]
     positional = media_of(command)
     many = positional == "photos"
-    if not paths or (len(paths) > 1 and not many):
-        raise BadInput(
-            f"measure {rig}: {len(paths)} media are given; give {'at least one photo' if many else 'one clip'}."
-        )
+    if not paths:
+        raise BadInput(f"measure {rig}: no media are given; give {'at least one photo' if many else 'one clip'}.")
+    if len(paths) > 1 and not many:
+        raise BadInput(f"{commands.one_clip(rig, len(paths))}.")
     work = _work(command, {positional: paths if many else paths[0]}, settings)
     folder = None if out is None else _path("out", out)
-    with nullcontext() if folder is None else claimed(folder):
-        measurement: Measurement = _run(work, out=folder, progress=progress or silent)
-    return measurement
+    measurement: Measurement
+    if folder is None:
+        measurement = _run(work, out=None, progress=progress or silent)
+        return measurement
+    with claimed(folder):
+        _in_own_words(lambda: check_own(folder, work.args[0]))
+        measurement = _run(work, out=folder, progress=progress or silent)
+        return keep(measurement, folder, work.args[0])
 
 
 def simulate(rig: RigName | Literal["custom"], *, progress: Progress | None = None, **settings: Setting) -> Twin:

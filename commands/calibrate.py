@@ -11,7 +11,7 @@ import typer
 
 from rigtwin.commands import simulate
 from rigtwin.commands.display import print_json
-from rigtwin.commands.options import Cluster, Outside, Seed, out_option, writable_folder
+from rigtwin.commands.options import Cluster, Outside, Seed, default_folder, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES
 
@@ -132,7 +132,7 @@ def calibrate(
     return partial(
         run,
         lab,
-        out or writable_folder((lab if lab.is_dir() else lab.parent) / "calibration"),
+        out or default_folder((lab if lab.is_dir() else lab.parent) / "calibration"),
         fit=fit,
         hold_out=hold_out or (),
         budget=budget,

@@ -18,10 +18,10 @@ from rigtwin.commands.options import (
     Quiet,
     Stiffness,
     TimeStep,
+    default_folder,
     file_option,
     out_option,
     with_options,
-    writable_folder,
 )
 from rigtwin.commands.run_command import JSON_QUIET, errors_by_option
 
@@ -98,7 +98,7 @@ def _deck(code: Code, rig: str) -> Command:
             written = deck.files()
         from rigtwin.compare.result_files import write_together
 
-        folder = out or writable_folder(default)
+        folder = out or default_folder(default)
         for stale in ("record.dump", "end.dump"):  # of an earlier deck
             (folder / stale).unlink(missing_ok=True)
         files = write_together(folder, written)
@@ -218,7 +218,7 @@ def import_deck(
     from rigtwin.commands.output_folder import check_only
     from rigtwin.compare.twins.imported import imported_twin
 
-    place = out or writable_folder(folder / "twin")
+    place = out or default_folder(folder / "twin")
     twin = imported_twin(folder)
     check_only(twin.rig, place)
     show_twin(twin, place, as_json, quiet)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from rigtwin.commands.display import show_lab_measurements
 from rigtwin.commands.options import (
@@ -28,6 +29,10 @@ from rigtwin.commands.options import (
     tracked,
 )
 from rigtwin.commands.run_command import Work, finished, measured
+from rigtwin.lab.media_files import FILMS, PICTURES, SOUNDS
+
+ENDINGS = (*FILMS, *PICTURES, *SOUNDS, ".csv")
+"""Suffixes by which a word is known as the name of a clip where there is no such file."""
 
 
 class RigOrLab(TyperGroup):
@@ -39,7 +44,40 @@ class RigOrLab(TyperGroup):
             args = ["lab", *args]
         elif args and args[0] == "lab" and all(word.startswith("-") for word in args[1:2]) and _is_lab(Path("lab")):
             args = ["lab", *args]  # a lab folder of that name
+        elif args and known is None and not args[0].startswith("-"):
+            self._refuse(ctx, args[0])
         return super().resolve_command(ctx, args)
+
+    def _refuse(self, ctx: Any, word: str) -> None:
+        """Refuse what is no rig and no lab, unless it is nearly the name of a rig."""
+        rigs = [name for name in self.list_commands(ctx) if name != "lab"]
+        if Path(word).exists():
+            ctx.fail(
+                f"{word}: the rig that it shows is missing before it, as in `rigtwin measure {rigs[0]} {word}`; "
+                f"rigs are {', '.join(rigs)}"
+            )
+        if Path(word).name != word or Path(word).suffix:
+            ctx.fail(f"{word}: no such file or folder")
+        if not get_close_matches(word, rigs):
+            ctx.fail(f"{word}: is neither a rig nor a lab folder; rigs are {', '.join(rigs)}")
+
+
+class OneClip(TyperCommand):
+    """A command that takes one clip, and says what to do with several."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        ctx.allow_extra_args = True
+        further = super().parse_args(ctx, args)
+        if further and all(Path(word).exists() or Path(word).suffix.lower() in ENDINGS for word in further):
+            ctx.fail(one_clip(str(ctx.info_name), 1 + len(further)))
+        if further:
+            ctx.fail(f"Got unexpected extra argument(s) ({' '.join(further)})")
+        return further
+
+
+def one_clip(rig: str, given: int) -> str:
+    """The refusal of several clips where a rig's measurement takes one."""
+    return f"measure {rig} takes one clip, and {given} are given; for several make a lab, with `rigtwin init LAB`"
 
 
 def _is_lab(path: Path) -> bool:
@@ -60,6 +98,7 @@ Table = Any  # a lab.tracked.table.TableOptions, which `tracked` makes of its op
 
 @app.command(
     "drop",
+    cls=OneClip,
     epilog="Example: rigtwin measure drop drop.mp4 --frame-rate 240Hz --bead-diameter 6mm --bead-density 568kg/m^3",
 )
 @measured("drop")
@@ -92,6 +131,7 @@ def measure_drop(
 
 @app.command(
     "pendulum",
+    cls=OneClip,
     epilog="Example: rigtwin measure pendulum swing.mp4 --frame-rate 240Hz --length 300mm --bead-diameter 12mm",
 )
 @measured("pendulum")
@@ -124,7 +164,7 @@ def measure_pendulum(
     )
 
 
-@app.command("tilt", epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
+@app.command("tilt", cls=OneClip, epilog="Example: rigtwin measure tilt tilt.mp4 --variant slide --bead-diameter 6mm")
 @measured("tilt")
 @filmed(*FILM, "plate", "bead_at", "centre")
 @tracked
@@ -219,7 +259,7 @@ def measure_pile(
     return partial(pile.measure, photos, camera, base_diameter=base_diameter, bead_diameter=bead_diameter, table=table)
 
 
-@app.command("drum", epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
+@app.command("drum", cls=OneClip, epilog="Example: rigtwin measure drum drum.mp4 --drum-diameter 140mm --speed 3rpm")
 @measured("drum")
 @filmed(*FILM, "circle", "averaged")
 @tracked
@@ -248,7 +288,9 @@ def measure_drum(
     )
 
 
-@app.command("hopper", epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm")
+@app.command(
+    "hopper", cls=OneClip, epilog="Example: rigtwin measure hopper flow.mp4 --frame-rate 240Hz --bin-width 104mm"
+)
 @measured("hopper")
 @filmed(*FILM, "slot")
 @tracked

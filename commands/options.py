@@ -41,15 +41,24 @@ def quantity(
     return typer.Option(flag, metavar=example, help=help_text, parser=read, show_default=False)
 
 
+OWN_FOLDER = "give --out a folder of your own"
+
+
 def writable_folder(text: str | Path) -> Path:
-    """A folder for results, refused before an hour of work and not after it."""
+    """A folder for results, given with --out; refused before an hour of work and not after it."""
     if not str(text).strip():
         from rigtwin.lab.errors import BadInput
 
         raise BadInput("--out: the name of the folder is empty; give one, or leave --out out.")
     folder = Path(text)
+    _check_writable(folder, "--out: ", "and results go into a folder; give --out another name", OWN_FOLDER)
+    return folder
+
+
+def default_folder(folder: Path) -> Path:
+    """The folder for results where none is given, refused as `writable_folder` does."""
     _check_writable(
-        folder, "--out", "and results go into a folder; give --out another name", "give --out a folder of your own"
+        folder, "", f"and results go into the folder {folder}; move it, or give a folder with --out", OWN_FOLDER
     )
     return folder
 
@@ -64,24 +73,24 @@ def file_option(flag: str, metavar: str, help_text: str, **more: Any) -> Any:
         if file.is_dir():
             raise BadInput(f"{flag}: {file} is a folder; give the name of a file.")
         elsewhere = "name a file elsewhere"
-        _check_writable(file.absolute().parent, flag, f"not a folder; {elsewhere}", elsewhere)
+        _check_writable(file.absolute().parent, f"{flag}: ", f"not a folder; {elsewhere}", elsewhere)
         return file
 
     return option(flag, metavar, help_text, read, **more)
 
 
-def _check_writable(folder: Path, flag: str, because: str, instead: str) -> None:
+def _check_writable(folder: Path, begin: str, because: str, instead: str) -> None:
     """Refuse a folder that cannot be made or written into: this one, or the nearest above it that is there."""
     from rigtwin.lab.errors import BadInput
 
     standing = next((above for above in (folder, *folder.absolute().parents) if above.exists()), folder)
     if not standing.is_dir():
-        raise BadInput(f"{flag}: {standing} is a file, {because}.")
+        raise BadInput(f"{begin}{standing} is a file, {because}.")
     try:  # permissions do not show everything: some file systems are read-only for every user
         with TemporaryFile(dir=standing):
             pass
     except OSError:
-        raise BadInput(f"{flag}: nothing may be written into {standing}; {instead}.") from None
+        raise BadInput(f"{begin}nothing may be written into {standing}; {instead}.") from None
 
 
 def out_option(help_text: str) -> Any:
@@ -101,7 +110,7 @@ Again = Annotated[bool, typer.Option("--again", help="Measure repetitions again 
 
 def beside(lab: Path, out: Path | None) -> Path:
     """Folder for results: `out`, or ``out`` in the lab folder, which is refused where nothing may be written."""
-    return out or writable_folder((lab if lab.is_dir() else lab.parent) / "out")
+    return out or default_folder((lab if lab.is_dir() else lab.parent) / "out")
 
 
 BeadDiameter = Annotated[float | None, quantity("--bead-diameter", "length", "6mm", "Diameter of the bead.")]

@@ -2,7 +2,7 @@
 
 Beside a measurement's pictures and records stands ``NAME-measurement.json``, the document of ``--json``; it shows whose
 results these are: where none is asked for, only the same rig measured from the same content comes to the same folder
-again.
+again; into one that is asked for no other clip of the same name is measured.
 """
 
 from __future__ import annotations
@@ -55,6 +55,21 @@ def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -
     written = {**kept.to_json(), "media_sha256": [measurement.source_sha256, *map(sha256, _each(media)[1:])]}
     write_together(folder, {path.name: document(written)})
     return kept
+
+
+def check_own(folder: Path, media: Path | Sequence[Path]) -> None:
+    """Refuse a folder with results of another clip of the same name, whose files would be replaced."""
+    from rigtwin.compare.result_files import would_be_lost
+
+    first = _each(media)[0]
+    path = _document(folder, first)
+    try:
+        known = json.loads(path.read_text(encoding="utf-8"))
+        source, content = known["source"]["file"], known["media_sha256"][0]
+    except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
+        return
+    if first.exists() and content != sha256(first):
+        raise would_be_lost(folder, source, path)
 
 
 def check_only(rig: str, folder: Path) -> None:

@@ -18,7 +18,7 @@ import typer
 
 from rigtwin.commands import log_file
 from rigtwin.commands.display import kept_in_words, progress_bars, show_measurement, show_twin
-from rigtwin.commands.options import Command, Json, Quiet, out_option, with_options, writable_folder
+from rigtwin.commands.options import Command, Json, Quiet, default_folder, out_option, with_options
 
 Work = partial[Any]
 
@@ -47,14 +47,15 @@ def measured(rig: str) -> Callable[[Command], Command]:
 
     def around(own: Command, *, out: Path | None, as_json: bool, quiet: bool, **_log: Path | None) -> None:
         work: Work = own()
-        from rigtwin.commands.output_folder import claimed, keep, results_folder
+        from rigtwin.commands.output_folder import check_own, claimed, keep, results_folder
 
         with ExitStack() as claim:
             if out is None:
-                writable_folder(f"out/{rig}")
+                default_folder(Path(f"out/{rig}"))
                 out = claim.enter_context(results_folder(rig, work.args[0]))
             else:
                 claim.enter_context(claimed(out))
+                check_own(out, work.args[0])
             measurement = keep(_done(partial(work, out=out), hidden=as_json or quiet), out, work.args[0])
         show_measurement(log_file.warned(measurement, attrgetter("warnings")), as_json, quiet)
 
@@ -72,7 +73,7 @@ def simulated(rig: str) -> Callable[[Command], Command]:
 
     def around(own: Any, *, out: Path | None, as_json: bool, quiet: bool, **_log: Path | None) -> None:
         with errors_by_option(own.keywords):
-            work, hidden, folder = own(), as_json or quiet, out or writable_folder(default)
+            work, hidden, folder = own(), as_json or quiet, out or default_folder(default)
             from rigtwin.commands.output_folder import check_only, claimed
 
             check_only(rig, folder)

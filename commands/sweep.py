@@ -10,7 +10,7 @@ import typer
 
 from rigtwin.commands import simulate
 from rigtwin.commands.display import print_json
-from rigtwin.commands.options import Cluster, Outside, Seed, Stiffness, out_option, writable_folder
+from rigtwin.commands.options import Cluster, Outside, Seed, Stiffness, default_folder, out_option
 from rigtwin.commands.run_command import Work, finished
 from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
 
@@ -128,7 +128,7 @@ def sweep(
         run,
         where,
         vary,
-        out or writable_folder(Path("out/sweep") / Path(subject).name),
+        out or default_folder(Path("out/sweep") / Path(subject).name),
         lab=measured,
         design=design,
         number=points,

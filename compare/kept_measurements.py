@@ -1,8 +1,8 @@
 """Measurements that are kept beside the results, so that no repetition is measured twice.
 
-A measurement is found again by a digest of its media, of all settings that it depends on, and of the program.  It is
-used as long as the pictures that were written with it are there as they were: other settings write theirs under the
-same names.
+A measurement is found again by a digest of its media, of all settings that it depends on, of the program, and of the
+folder of its pictures, in which another clip of the same name may come to stand.  It is used as long as the pictures
+that were written with it are there as they were: other settings write theirs under the same names.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class KeptMeasurements:
         self._out = out
         self._again = again
 
-    def key(self, experiment: Experiment, views: Sequence[Path], known: Mapping[str, Any]) -> str:
+    def key(self, experiment: Experiment, views: Sequence[Path], known: Mapping[str, Any], folder: Path) -> str:
         """Return a digest of what decides the measurement of a repetition.
 
         Parameters
@@ -83,6 +83,8 @@ class KeptMeasurements:
             Media of the repetition.
         known : mapping
             Keyword arguments of the rig's `measure`.
+        folder : Path
+            Folder of its pictures, in that of the results.
 
         Returns
         -------
@@ -98,6 +100,7 @@ class KeptMeasurements:
             "cameras": [_plain(experiment.camera_of(view)) for view in views],
             "table": asdict(experiment.table),
             "files": [view.name for view in views],
+            "folder": folder.relative_to(self._out).as_posix(),
             "content": [sha256(view) for view in views],
             "version": __version__,
             "code": _code_digest(),

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from rigtwin.compare.worker_processes import spawned
 from rigtwin.lab.errors import BadInput, RigtwinError, Seen
 from rigtwin.lab.file.lab_file import Experiment, Lab
 from rigtwin.lab.file.option_names import naming_lab_keys
-from rigtwin.lab.formatting import reading, siblings, title
+from rigtwin.lab.formatting import few_of, reading, siblings, title
 from rigtwin.lab.input_files import unquoted
 from rigtwin.lab.materials import heavier_than_its_solid
 from rigtwin.lab.progress import Progress, silent
@@ -241,7 +241,7 @@ def measuring(
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
     kept = KeptMeasurements(out, again=again)
-    keys = [kept.key(experiment, views, known(experiment)) for experiment, views, _ in jobs]
+    keys = [kept.key(experiment, views, known(experiment), folder) for experiment, views, folder in jobs]
     before = {k: kept.find(keys[k], jobs[k][1]) for k in range(len(jobs))}
     # the views of a pile are one long job: start it first, so that the others run beside it
     new = sorted((k for k, found in before.items() if found is None), key=lambda k: -len(jobs[k][1]))
@@ -299,11 +299,36 @@ class Pending:
         return {
             experiment.id: Measured(
                 experiment,
-                tuple(result for result in mine[experiment.id] if isinstance(result, Measurement)),
+                _counted_once([result for result in mine[experiment.id] if isinstance(result, Measurement)]),
                 tuple(result for result in mine[experiment.id] if isinstance(result, Failure)),
             )
             for experiment in self.experiments
         }
+
+
+def _counted_once(found: Sequence[Measurement]) -> tuple[Measurement, ...]:
+    """The measurements; one with the numbers of an earlier one is doubtful, as no two clips agree to the last digit.
+
+    Counted, a copy whose file differs (saved again, other metadata) would lower the uncertainty of a mean without a
+    second measurement.
+    """
+    first: dict[Any, Measurement] = {}
+    counted = []
+    for item in found:
+        numbers = tuple(
+            (key_of(one), one.detail.get("view"), *(float(each).hex() for each in (one.value, one.std_uncertainty)))
+            for one in item.quantities
+        )
+        original = first.setdefault(numbers, item)
+        counted.append(item if original is item or not numbers else _doubtful_copy(item, original.source))
+    return tuple(counted)
+
+
+def _doubtful_copy(item: Measurement, original: Path) -> Measurement:
+    name = original.name if original.name != item.source.name else f"{original.parent.name}/{original.name}"
+    why = f"the same result to the last digit as {name}: copies of one clip?"
+    marked = (replace(one, doubtful="; ".join(filter(None, (one.doubtful, why)))) for one in item.quantities)
+    return replace(item, quantities=tuple(marked))
 
 
 def folders(experiments: Sequence[Experiment]) -> list[str]:
@@ -381,8 +406,12 @@ def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
     for source, one in seen:
         if one.doubtful and key_of(one) in sound and one.quantity not in MOMENTS:
             lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
+    alike: dict[tuple[str, str], list[str]] = {}  # one line for all repetitions with the same reason
     for (source, reason), names in lacking.items():
-        yield f"{source} is doubtful and excluded from the mean of {', '.join(dict.fromkeys(names))}: {reason}"
+        alike.setdefault((reason, ", ".join(dict.fromkeys(names))), []).append(source)
+    for (reason, names_in_words), sources in alike.items():
+        are = "are" if len(sources) > 1 else "is"
+        yield f"{few_of(sources)} {are} doubtful and excluded from the mean of {names_in_words}: {reason}"
 
 
 def _replaced(experiment: Experiment, measurements: Sequence[Measurement]) -> Iterator[str]:

@@ -120,11 +120,30 @@ def others_before(
     same = source.resolve() == lab.resolve()
     lost = others if still is None or not same else [name for name in others if name in still]
     if lost:
-        raise BadInput(
-            f"{out}: holds results of {', '.join(lost)} ({source}), which would be lost; give --out another "
-            f"folder, or delete {out / document}."
-        )
+        raise would_be_lost(out, f"{', '.join(lost)} ({source})", out / document)
     return others
+
+
+def would_be_lost(out: Path, whose: str, document: Path) -> BadInput:
+    """Return the refusal of a folder whose results would be replaced by others.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of results.
+    whose : str
+        What the results are of.
+    document : Path
+        The document that shows it.
+
+    Returns
+    -------
+    BadInput
+        To be raised.
+    """
+    return BadInput(
+        f"{out}: holds results of {whose}, which would be lost; give --out another folder, or delete {document}."
+    )
 
 
 def _figures_before(folder: Path, contents: Mapping[str, str | bytes]) -> Iterator[str]:

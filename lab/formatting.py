@@ -7,7 +7,7 @@ purpose: the command line prints with it before anything heavy is loaded.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 TITLES = {
     "restitution_wall": "Restitution on the wall",
@@ -352,3 +352,25 @@ def counted(number: int, what: str) -> str:
     ('1 repetition', '3 repetitions')
     """
     return f"{number} {what}{'s' if number != 1 else ''}"
+
+
+def few_of(names: Sequence[str]) -> str:
+    """Return names in words; of many the first, and how many others there are.
+
+    Parameters
+    ----------
+    names : sequence of str
+        At least one name.
+
+    Returns
+    -------
+    str
+        The words.
+
+    Examples
+    --------
+    >>> few_of(["r1"]), few_of(["r1", "r2"]), few_of(["r1", "r2", "r3"])
+    ('r1', 'r1 and r2', 'r1 and 2 others')
+    """
+    first, *others = names
+    return f"{first} and {len(others)} others" if len(others) > 1 else " and ".join(names)

@@ -37,6 +37,7 @@ _BEGINNINGS = (
     (rb"\x89PNG", "a picture (PNG)"),
     (rb"II\*\0|MM\0\*", "a picture (TIFF)"),
     (rb"BM.{4}\0{4}", "a picture (BMP)"),
+    (rb".{4}" + FILE_TYPE + rb"(?:hei[cxms]|mif1|avif)", "a picture (HEIC)"),
     (rb".{4}" + FILE_TYPE, "a film (MP4)"),
     (RIFF + rb".{4}AVI ", "a film (AVI)"),
     (MATROSKA, "a film (Matroska)"),

@@ -127,6 +127,9 @@ def _parse(text: str, unit: str, dimension: str, example: str, name: str) -> flo
             return _bare(float(text), dimension, name)  # "inf" and "nan" included
         except ValueError:
             raise BadQuantity(f"{name}: {text!r} is not {_a(dimension)}; write it like {example!r}.") from None
+    if "," in unit_text:  # pint reads over it: 6,1 mm would be 6 mm
+        wrong = f"is not {_a(dimension)} (a number has a decimal point and no comma)"
+        raise BadQuantity(f"{name}: {text!r} {wrong}; write it like {example!r}.")
     if dimension == "frequency" and unit_text == "fps":  # feet per second elsewhere
         unit_text = "1/s"
     if unit_text.startswith("/"):  # 400/s

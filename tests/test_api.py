@@ -100,7 +100,7 @@ def test_a_twin_has_values_and_a_table():
     [
         (lambda: rigtwin.measure("drop", CLIP, bead_diametr="6 mm"), "did you mean 'bead_diameter'"),
         (lambda: rigtwin.measure("dropp", CLIP), "did you mean 'drop'"),
-        (lambda: rigtwin.measure("drop", CLIP, CLIP), "give one clip"),
+        (lambda: rigtwin.measure("drop", CLIP, CLIP), "takes one clip, and 2 are given"),
         (lambda: rigtwin.measure("drop", CLIP, bead_diameter="6"), "^bead_diameter: "),
         (lambda: rigtwin.measure("drop", CLIP, bead_diameter=6), "^bead_diameter: 6.0 is 6 m, no bead's diameter"),
         (lambda: rigtwin.measure("pile", CLIP, base_diameter=90.0), "^base_diameter: 90.0 is 90 m, no length"),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rigtwin
 from rigtwin.cli import run
 from rigtwin.commands.display import show_measurement
 from rigtwin.lab.errors import BadInput
@@ -585,14 +586,23 @@ def measure_into(capfd, *arguments: object) -> Path:
     return Path(json.loads(capfd.readouterr().out)["files"]["measurement"]).parent
 
 
-def test_clips_of_one_name_never_write_into_the_same_folder_unless_asked_to(tmp_path, capfd):
+def test_clips_of_one_name_never_write_into_the_same_folder(tmp_path, capfd):
     oak, ash = bounces(tmp_path / "oak/r01.csv", 0.6), bounces(tmp_path / "ash/r01.csv", 0.7)
     assert measure_into(capfd, oak) == Path("out/drop/r01")
     assert measure_into(capfd, ash) == Path("out/drop/r01~2")
     assert measure_into(capfd, oak) == Path("out/drop/r01")
     assert measure_into(capfd, oak, "--out", "mine") == Path("mine")
-    assert measure_into(capfd, ash, "--out", "mine") == Path("mine")
-    assert json.loads(Path("mine/r01-measurement.json").read_text())["source"]["file"] == str(ash)
+    assert measure_into(capfd, oak, "--out", "mine") == Path("mine"), "the same clip again replaces its own results"
+    document = Path("mine/r01-measurement.json")
+    kept = document.read_text()
+    said = f"mine: holds results of {oak}, which would be lost; give --out another folder, or delete {document}."
+    refused(["measure", "drop", str(ash), "--out", "mine"], capfd, said)
+    with pytest.raises(BadInput, match=r"mine: holds results of .*oak/r01.csv, which would be lost; give out another"):
+        rigtwin.measure("drop", ash, out="mine")
+    assert document.read_text() == kept
+    document.unlink()
+    assert rigtwin.measure("drop", ash, out="mine").files["measurement"] == document
+    refused(["measure", "drop", str(oak), "--out", "mine"], capfd, f"mine: holds results of {ash}")
 
 
 def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(capfd):
@@ -766,9 +776,51 @@ def test_a_results_folder_that_is_a_file_is_refused_before_any_work(folder, tmp_
     refused(["measure", "drop", "x.mp4", "--out", folder], capfd, "--out", "taken.mp4 is a file", "another name")
 
 
+def test_a_file_that_stands_where_results_go_is_refused_without_a_word_of_an_out_that_was_not_given(tmp_path, capfd):
+    lab = lab_with(tmp_path)
+    out = Path(lab) / "out"
+    out.touch()
+    for command in ("measure", "compare"):
+        assert run([command, str(lab)]) == 2
+        assert capfd.readouterr().err.startswith(
+            f"rigtwin: {out} is a file, and results go into the folder {out}; move it"
+        )
+
+
+def test_a_photo_for_a_film_and_a_film_for_a_photo_are_named(empty_video, capfd):
+    import cv2
+
+    cv2.imwrite("photo.jpg", np.full((60, 80, 3), 120, np.uint8))
+    refused(["measure", "drop", "photo.jpg"], capfd, "photo.jpg: is a picture (JPEG) and no film")
+    refused(["measure", "pile", str(empty_video)], capfd, f"{empty_video}: is a film (MP4) and no photo")
+
+
 def test_a_results_folder_without_a_name_is_refused(capfd):
     refused(["simulate", "drop", "--drop-height", "50mm", "--out", ""], capfd, "--out", "empty")
     assert not Path("quantities.json").exists()
+
+
+def test_a_clip_without_its_rig_and_a_path_that_is_not_there_are_refused(tmp_path, capfd):
+    (tmp_path / "mine").mkdir()
+    Path("mine/a.mp4").touch()
+    refused(
+        ["measure", "mine/a.mp4"], capfd, "the rig", "is missing", "as in `rigtwin measure drop mine/a.mp4`; rigs are"
+    )
+    refused(["measure", "mine/b.mp4"], capfd, "mine/b.mp4: no such file or folder")
+    refused(["measure", str(tmp_path / "nolab")], capfd, f"{tmp_path / 'nolab'}: no such file or folder")
+    refused(["measure", "dorp", "mine/a.mp4"], capfd, "did you mean 'drop'")
+
+
+def test_several_clips_of_a_rig_that_takes_one_are_refused_with_what_to_do(capfd):
+    clips = [f"clip{number}.mp4" for number in range(60)]
+    said = "measure tilt takes one clip, and 60 are given; for several make a lab, with `rigtwin init LAB`"
+    refused(["measure", "tilt", "--variant", "slide", *clips, "--quiet"], capfd, said)
+    refused(["measure", "drop", "a.mp4", "240Hz"], capfd, "extra argument(s) (240Hz)")
+    for media in (clips, [clips]):
+        with pytest.raises(BadInput, match=r"^measure drop takes one clip, and 60 are given; for several make a lab"):
+            rigtwin.measure("drop", *media)
+    with pytest.raises(BadInput, match=r"^measure drop: no media are given; give one clip"):
+        rigtwin.measure("drop")
 
 
 def test_twins_of_two_rigs_do_not_come_to_one_folder(capfd):

@@ -35,6 +35,7 @@ from rigtwin.lab.file.schema import (
 )
 from rigtwin.lab.file.stated_values import stated_quantities, stated_scatter
 from rigtwin.lab.file.toml_lines import Key, dotted
+from rigtwin.lab.formatting import few_of
 from rigtwin.lab.input_files import OUTSIDE, lies_outside
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Pair, Particle
 from rigtwin.lab.output_files import replacing
@@ -488,10 +489,13 @@ def _media_problems(entry: ExperimentEntry, repetitions: Sequence[Views], places
                 seen[file] = place
     # a copy under another name is no second measurement either
     given = {view.resolve(): view for views in repetitions for view in views}
-    problems += [
-        Problem(seen[copy], f"{given[copy]} holds the same as {given[original]}; take one of them out.")
-        for original, copy in copies(seen)
-    ]
+    alike: dict[Path, list[Path]] = {}
+    for original, copy in copies(seen):
+        alike.setdefault(original, []).append(copy)
+    for original, same in alike.items():
+        hold = "hold" if len(same) > 1 else "holds"
+        why = f"{few_of([str(given[copy]) for copy in same])} {hold} the same as {given[original]}; keep one of them."
+        problems.append(Problem(seen[same[0]], why))
     return problems
 
 

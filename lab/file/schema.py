@@ -1411,7 +1411,7 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
         case "missing":
             return Problem(key, f"{_MISSING}; add {name} = {_example(section, name)}.")
         case "extra_forbidden":
-            return Problem(key, f"unknown key; {suggestion(name, section.model_fields)}.")
+            return Problem(key, f"unknown key; {_place_of(name, section) or suggestion(name, section.model_fields)}.")
         case "value_error":
             return Problem(key, str(details["ctx"]["error"]))
         case "union_tag_not_found":
@@ -1431,6 +1431,14 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
         case kind_of_fault if kind_of_fault in _NO_TABLE:
             return Problem(key, f"{given} is not a table; write it as [{_header(key)}] with its keys below.")
     return Problem(key, f"{given} cannot be used ({details['msg'].lower()}).")
+
+
+def _place_of(name: str, section: type[_Entry]) -> str:
+    """Where a key belongs that stands beside the experiments and is one of theirs; empty for others."""
+    of_experiments = any(name in entry.model_fields for entry in _EXPERIMENTS.values())
+    if section is not LabFile or not of_experiments or difflib.get_close_matches(name, section.model_fields, n=1):
+        return ""
+    return f"it belongs to an experiment: below its [[experiments]] write {name} = ..., or a table [experiments.{name}]"
 
 
 def _section(parent: Key) -> type[_Entry]:

@@ -12,6 +12,7 @@ import av
 
 from rigtwin.lab.errors import UnreadableMedia
 from rigtwin.lab.input_files import opened
+from rigtwin.lab.media_files import kind_of
 from rigtwin.measure.media.picture_size import must_have_room
 
 FORMATS = (
@@ -81,6 +82,8 @@ def open_container(path: Path) -> Iterator[Any]:
     except av.FFmpegError as error:
         if error.errno in SHORT_OF_MEMORY:
             raise MemoryError from error
+        if (kind := kind_of(head)) and not kind.startswith(("a film", "a sound")):
+            raise UnreadableMedia(f"{path}: is {kind} and no film; give a clip that a video player shows.") from None
         raise
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from rigtwin.lab.arrays import FloatImage, Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput, UnreadableMedia
+from rigtwin.lab.media_files import kind_of
 from rigtwin.measure.media import pictures as sources
 from rigtwin.measure.media.ignored_regions import covered
 from rigtwin.measure.media.picture_size import header_of, must_be_small_enough
@@ -68,7 +69,7 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
         image = sources.decoded(stored, cv2.IMREAD_COLOR)
     notes: tuple[str, ...] = ()
     if image is None:
-        photo = _phone_photo(path)
+        photo = _phone_photo(path, stored)
     else:
         shift, reduced = sources.bit_shift([image])
         photo = sources.dropped(image, shift)
@@ -125,7 +126,7 @@ def _same_picture(one: FloatImage, other: FloatImage) -> bool:
     return bool(apart.size and apart.max() < MOST_APART)
 
 
-def _phone_photo(path: Path) -> Image:
+def _phone_photo(path: Path, stored: Image) -> Image:
     """Read formats that OpenCV does not support: HEIC and others that Pillow knows."""
     import pillow_heif
     from PIL import ImageOps
@@ -139,7 +140,9 @@ def _phone_photo(path: Path) -> Image:
     except Exception as error:  # decoders raise errors of every kind at damaged files
         if "truncated" in str(error).lower():
             raise UnreadableMedia(f"{path}: {_what_is_left(path)}; copy it again.") from None
-        raise UnreadableMedia(f"{path}: cannot be decoded as a photo; give a JPEG, PNG, TIFF or HEIC file.") from None
+        kind = kind_of(stored.tobytes())
+        what = f"is {kind} and no photo" if kind and "picture" not in kind else "cannot be decoded as a photo"
+        raise UnreadableMedia(f"{path}: {what}; give a JPEG, PNG, TIFF or HEIC file.") from None
     return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
 
 

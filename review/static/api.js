@@ -1,4 +1,4 @@
-// Requests to the server of this page.  A refusal is thrown with its sentence.
+// Requests to the server of this page.  A refusal is thrown with its sentence, and `ended` where nothing answers.
 
 async function answer(response) {
   if (response.ok) return response.json(); // an abort meanwhile is thrown too
@@ -15,7 +15,8 @@ async function asked(address, options) {
     response = await fetch(address, options);
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new Error("the server has ended; start rigtwin review again and open its new address.");
+    const ended = new Error("the server has ended; start rigtwin review again and open its new address.");
+    throw Object.assign(ended, { ended: true });
   }
   return answer(response);
 }

@@ -10,6 +10,7 @@ const $ = (id) => document.getElementById(id);
 const SLOWEST = 4; // frames per second of a clip that is played, and the fastest a screen needs
 const FASTEST = 30;
 const PASSING = 250; // [ms]
+const AGAIN = 1000; // [ms], between two attempts to read lab.toml: soon for a person who comes back from an editor
 
 const shown = { experiment: -1, repetition: -1, view: -1 };
 const results = new Map(); // experiment/repetition -> last result
@@ -19,6 +20,7 @@ let tool = null;
 let from = null; // first frame of a part that is about to be left out
 let waiting = null; // aborts the request for a result that is not wanted any more
 let playing = null;
+let looking = false; // whether lab.toml is read again and again until it can be
 let changes = 0; // answered ones, of lab.toml
 
 const stage = new Stage({ onPlace: placed, onRemove: remove, onFrame: frameShown, onProblem: problem });
@@ -31,6 +33,34 @@ const place = () => `${shown.experiment}/${shown.repetition}`;
 function problem(error) {
   $("problem").hidden = !error;
   $("problem").textContent = error?.message ?? "";
+  if (error && !error.ended) untilReadable();
+}
+
+/** Where lab.toml cannot be read, an edit in another program say, go on as soon as it can. */
+async function untilReadable() {
+  if (looking || !lab) return;
+  looking = true;
+  let broken = false;
+  try {
+    for (;;) {
+      try {
+        const found = await get("/api/lab");
+        if (!broken) return; // the refusal was of something else
+        lab = found;
+        break;
+      } catch (error) {
+        broken = true;
+        $("problem").hidden = false;
+        $("problem").textContent = error.message;
+        if (error.ended) return;
+      }
+      await new Promise((go) => setTimeout(go, AGAIN));
+    }
+  } finally {
+    looking = false;
+  }
+  problem(null);
+  await select(shown);
 }
 
 // ------------------------------------------------------------------------------------------------------- lab.toml
@@ -247,7 +277,9 @@ async function showMeasured(passing = false) {
     if (passing) await rested(waiting.signal);
     result = await get(`/api/result/${key}`, waiting.signal);
   } catch (error) {
-    if (error.name !== "AbortError") problem(error);
+    if (error.name === "AbortError") return;
+    showResult(null, null, "not measured");
+    problem(error);
     return;
   }
   if (key !== place()) return;

@@ -23,14 +23,15 @@ const WORDS = {
 
 // ------------------------------------------------------------------------------------------------------- numbers
 
+const MEASURING = "measuring ...";
 const nameOf = (quantity) => `${quantity.title}|${quantity.method}`;
 
-/** `result` is what the server sent, `before` the one before the last change; null while it is measured. */
-export function showResult(result, before) {
+/** `result` is what the server sent, `before` the one before the last change; null where there is none, with the reason. */
+export function showResult(result, before = null, why = MEASURING) {
   $("refused").hidden = !result?.refused;
   $("refused").textContent = result?.refused ?? "";
-  $("state").textContent = result ? `(in ${result.seconds.toFixed(1)} s)` : "measuring ...";
-  $("numbers").setAttribute("aria-busy", String(!result));
+  $("state").textContent = result ? `(in ${result.seconds.toFixed(1)} s)` : why;
+  $("numbers").setAttribute("aria-busy", String(!result && why === MEASURING));
   if (!result) {
     delete document.documentElement.dataset.result;
     return;

@@ -106,7 +106,7 @@ class Effect:
         lowest edge, and the length over which the force grows by a factor e there.
     flat : bool
         Whether a fit that starts with zero for the first parameter stays there: its derivative is zero there, or so
-        large for the slowest impacts that it tells nothing of the others.
+        large for the slowest impacts that it hides the others.
     even : bool
         Whether the sign of the first parameter has no influence: a fit that ends below zero means its absolute value.
     special : bool

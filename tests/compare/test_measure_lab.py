@@ -162,7 +162,7 @@ def test_kept_measurements_are_the_same_to_the_last_digit(lab, tmp_path):
     found = measure_lab(lab, out).measured[0].measurements[0]
     kept = KeptMeasurements(out)
     views = experiment.repetitions[0]
-    again = kept.find(kept.key(experiment, views, known(experiment)), views)
+    again = kept.find(kept.key(experiment, views, known(experiment), out / "drop"), views)
     assert plain(asdict(again)) == plain(asdict(found))
     for mine, other in zip(again.tracks, found.tracks, strict=True):
         np.testing.assert_array_equal(mine.position, other.position)
@@ -205,6 +205,40 @@ def test_a_setting_that_is_changed_back_gives_the_pictures_of_its_own_measuremen
     measured.clear()
     plots()
     assert measured == []
+
+
+def test_files_of_a_kept_measurement_are_those_of_its_own_clip_after_the_list_has_changed(lab, tmp_path, measured):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    for number in (1, 2, 3):
+        (lab / f"d{number}").mkdir()
+        (lab / f"d{number}" / "r01.csv").write_text(falls(0.5 + number / 20))
+
+    def plots(*clips):
+        path.write_text(LAB.replace('["drops/"]', json.dumps([f"d{clip}/r01.csv" for clip in clips])))
+        found = measure_lab(lab, out).measured[0].measurements
+        assert [one.source.parent.name for one in found] == [f"d{clip}" for clip in clips]
+        return {clip: _curves(one.files["plot"].read_bytes()) for clip, one in zip(clips, found, strict=True)}
+
+    before = plots(1, 2)
+    after = plots(2, 3)
+    assert after[2] == before[2]
+    assert after[3] not in (after[2], before[1])
+    measured.clear()
+    assert plots(2, 3) == after
+    assert measured == []
+
+
+def test_an_experiment_under_another_name_has_its_own_files(lab, tmp_path):
+    out, path = tmp_path / "out", lab / "lab.toml"
+    one, two = (f'[[experiments]]\nid = "{name}"\nrig = "drop"\nparticle = "D6"\nwall = "steel"\n' for name in "ab")
+    (lab / "other").mkdir()
+    (lab / "other" / "r1.csv").write_text(falls(0.8))
+    path.write_text(f'{one}repetitions = ["drops/r1.csv"]\n')
+    measure_lab(lab, out)
+    path.write_text(f'{two}repetitions = ["drops/r1.csv"]\n{one}repetitions = ["other/r1.csv"]\n')
+    for _ in range(2):
+        found = [each.measurements[0].files["plot"] for each in measure_lab(lab, out).measured]
+        assert found == [out / "b" / "r1-plot.svg", out / "a" / "r1-plot.svg"]
 
 
 def _curves(plot):
@@ -260,6 +294,28 @@ def test_a_doubtful_repetition_that_no_mean_counts_is_named(lab, tmp_path, capsy
     assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "drop: r3.csv is doubtful and excluded from the mean of" in said
+
+
+def test_copies_that_differ_in_their_bytes_count_once_in_a_mean_and_are_named_in_one_line(lab, tmp_path, capsys):
+    film = falls(0.51)
+    for number in range(1, 9):
+        (lab / "drops" / f"r{number}.csv").write_text(film + "\n" * number)
+    (lab / "drops" / "r10.csv").write_text(falls(0.53))
+    found = measure_lab(lab, tmp_path / "out", only=["drop"])
+    said = [one for one in found.warnings if "copies of one clip" in one]
+    assert len(said) == 1
+    assert said[0].startswith(
+        "drop: r2.csv and 6 others are doubtful and excluded from the mean of Restitution on the wall"
+    )
+    assert said[0].endswith(": the same result to the last digit as r1.csv: copies of one clip?")
+    first = next(one for one in found.means if one.quantity == "restitution_wall")
+    assert (first.measured_n, first.doubtful) == (2, "")
+    assert first.measured == pytest.approx(0.52, abs=0.003)
+    doubtful = [row["repetition"] for row in found.rows if "copies of one clip?" in row["doubtful"]]
+    assert set(doubtful) == {f"drops/r{number}.csv" for number in range(2, 9)}
+    again = measure_lab(lab, tmp_path / "out", only=["drop"])
+    assert again.warnings == found.warnings
+    assert again.rows == found.rows
 
 
 def test_a_failed_check_stands_beside_rows_that_do_not_rest_on_it(lab, capsys):
@@ -361,7 +417,7 @@ def test_compare_uses_what_measure_has_kept(lab, measured):
 
 def test_a_name_that_is_neither_rig_nor_lab_is_refused(tmp_path, capsys):
     assert run(["measure", "nowhere"]) == 2
-    assert "No such command 'nowhere'" in capsys.readouterr().err
+    assert "nowhere: is neither a rig nor a lab folder; rigs are drop" in capsys.readouterr().err
     with pytest.raises(BadInput, match="there is no 'lab'; known are drop"):
         rigtwin.measure("lab", tmp_path)
     with pytest.raises(BadLabFile, match="no such file"):

@@ -108,6 +108,14 @@ def test_text_that_is_no_length_is_refused(text):
         si(text, "length")
 
 
+@pytest.mark.parametrize("text", ["6,0mm", "6,1 mm", "1,5", "1,000 mm", "6,mm"])
+def test_a_decimal_comma_is_refused_with_what_to_write(text):
+    with pytest.raises(
+        BadQuantity, match=rf"^width: '{text}' is not a length .a number has a decimal point and no comma"
+    ):
+        si(text, "length", name="width")
+
+
 @pytest.mark.parametrize("value", [True, None, [1.0], {"value": 1}])
 def test_something_that_is_neither_text_nor_number_is_refused(value):
     with pytest.raises(BadQuantity, match="not a quantity"):

@@ -239,6 +239,21 @@ def test_no_clip_is_rejected_without_a_reason(opened):
     opened.errors.clear()  # the browser's own word for the refusal
 
 
+def test_a_lab_file_that_is_broken_elsewhere_and_repaired_is_read_again_without_a_reload(opened):
+    opened.measured()
+    (opened.lab / "lab.toml").write_text(LAB.replace('rig = "pile"', 'rig = "pile'))
+    opened.drag((195, 480), (181, 433))
+    playwright.expect(opened.page.locator("#problem")).to_contain_text("lab.toml, line 5")
+    playwright.expect(opened.page.locator("#state")).to_have_text("not measured")
+    (opened.lab / "lab.toml").write_text(LAB)
+    playwright.expect(opened.page.locator("#problem")).to_be_hidden()
+    opened.measured()
+    opened.page.locator('[data-handle="base 0 0"]').wait_for()
+    opened.drag((195, 480), (181, 433))
+    assert "195,480" not in opened.text
+    opened.errors.clear()  # the browser's own words for the refusals
+
+
 def test_a_part_of_a_clip_is_left_out(opened):
     opened.show("r02.mp4")
     opened.page.keyboard.press("Shift+ArrowRight")

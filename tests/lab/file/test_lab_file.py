@@ -219,6 +219,29 @@ def test_a_copy_of_a_clip_under_another_name_is_refused_and_both_are_named(folde
     assert len(read_lab(folder).experiments[0].repetitions) == 2
 
 
+def test_a_table_of_an_experiment_beside_the_experiments_is_refused_with_its_place(folder):
+    path = folder / "lab.toml"
+    text = path.read_text()
+    path.write_text(f'[camera]\nframe_rate = "240 Hz"\n{text}')
+    with pytest.raises(BadLabFile, match=r"line 1: camera: unknown key; .* experiment: .*\[experiments\.camera\]"):
+        read_lab(folder)
+    path.write_text(f"[particle.ash]\n{text}")
+    with pytest.raises(BadLabFile, match=r"particle: unknown key; did you mean 'particles'"):
+        read_lab(folder)
+
+
+def test_many_copies_of_one_clip_are_refused_in_one_line(folder):
+    (folder / "clips").mkdir()
+    for number in range(1, 61):
+        (folder / "clips" / f"r{number:02d}.csv").write_text("film")
+    path = folder / "lab.toml"
+    path.write_text(path.read_text().replace('["r01.mp4", "r02.csv"]', '["clips/"]'))
+    with pytest.raises(BadLabFile, match=r"r02\.csv and 58 others hold the same as .*r01\.csv; keep one") as refused:
+        read_lab(folder)
+    assert str(refused.value).count("hold the same") == 1
+    assert refused.value.faults == ()
+
+
 @pytest.mark.parametrize("name", ["C6", "C6_24s", "P6x15_3s"])
 def test_the_clumps_of_the_paper_are_found_by_name_with_their_contacts(folder, name):
     (folder / "lab.toml").write_text(LAB.replace('particle = "D6"', f'particle = "{name}"'), encoding="utf-8")
