@@ -1,8 +1,9 @@
 """One or two bobs on threads that swing and collide, integrated for many settings at once.
 
 Steps have a fixed length and are shortened to end at each contact.  The impact acts there, before the next step.  Bobs
-that touch at the begin of a step and again at its end rest against each other: the step is not shortened, and what is
-left of their closing speed is lost without an impact.
+that touch at the beginning of a step and again at its end rest against each other: the step is not shortened, and their
+closing rate becomes the one with which they touch again at the end of the next step.  A rebound that ends within one
+step is lost by this, and in the first step the force presses them into each other: some micrometres of the path.
 """
 
 from __future__ import annotations
@@ -14,21 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.lab.arrays import Array, Mask
+from rigtwin.lab.arrays import Array
 from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 from rigtwin.sim.reduced.swing import LEAST_RATE, Push
 
 PER_PERIOD = 50  # steps per period
-SLOWEST = (
-    1e-4  # [m/s], closing speed below which no rebound shows: it parts the surfaces by 10 um in a tenth of a second
-)
+LEAST_CLOSING = 1e-12  # [m/s], avoids division by zero
 MOST_EXTRA = 40  # additional steps, one per contact
-TOUCHING = 1e-9  # [m], gap below which surfaces touch: above the error of a contact's time, below any that is filmed
+TOUCHING = 1e-6  # [m], gap below which surfaces touch: above what one step of resting errs by, below any that is filmed
 
 Gap = Callable[[Array, Array, Array, Array], tuple[Array, Array]]
 """Distance of the surfaces [m] and its rate [m/s] from angles and rates of both bobs."""
-Hit = Callable[[Array, Array, Array, Array, Array, Mask], tuple[Array, Array, Array]]
-"""Rates after a contact, and its closing speed, from angles, rates, number of the impact, and whether both rest."""
+Hit = Callable[[Array, Array, Array, Array, Array, Array], tuple[Array, Array, Array]]
+"""Rates after a contact, and its closing speed, from angles, rates, number of the impact, and the restitution of bobs
+that rest against each other, NaN of an impact."""
 Mutual = Callable[[Array, Array], tuple[Array, Array]]
 """Angular accelerations [rad/s^2] of both bobs by the force between them, from their angles."""
 Advance = Callable[[Push, Array, Array, Array], tuple[Array, Array]]
@@ -68,14 +68,14 @@ def swing_and_hit(
     a, b = start
     u, v = np.zeros_like(a), np.zeros_like(b)
     t = np.zeros_like(a)
-    count = np.zeros(a.shape, dtype=int)
+    count, touched = np.zeros(a.shape, dtype=int), np.zeros(a.shape, dtype=bool)
     speeds = np.ones((impacts, *a.shape))
     step = np.broadcast_to(period / PER_PERIOD, a.shape)
     saved: list[tuple[Array, ...]] = []
     # extreme parameters of a fit would need an unlimited number of steps; their prediction is rejected later
     limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
     for _ in range(limit):
-        mobile = np.where(count > 0, 1.0, 0.0)  # before the first impact the second bob is at rest
+        mobile = np.where(touched, 1.0, 0.0)  # before the first contact the second bob is at rest
         second: Push = partial(_moving_after_impact, push[1], mobile) if mobile.any() else _at_rest
 
         if mutual is None:
@@ -85,9 +85,9 @@ def swing_and_hit(
         ends = on(step)
         distance, closing = gap(a, b, u, v)
         distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3])
-        closes = (distance_end < 0) & (closing_end < 0)
-        resting = closes & ((distance < TOUCHING) | (closing_end > -SLOWEST))
-        touching = closes & ~resting
+        resting = (distance < TOUCHING) & (distance_end < TOUCHING) & (closing_end < 0)
+        touching = (distance_end < 0) & (closing_end < 0) & ~resting
+        closes = resting | touching
         length = step.copy()
         if touching.any():
             share = _first_zero(np.maximum(distance, 0.0), distance_end, closing * step, closing_end * step)
@@ -101,11 +101,13 @@ def swing_and_hit(
         t = t + length
         a, b, u, v = ends
         if closes.any():
-            u2, v2, speed = hit(a, b, u, v, count, resting)
+            parting = (closing - closing_end) / 2 - distance_end / step
+            share = np.where(resting, parting / np.maximum(-closing_end, LEAST_CLOSING), np.nan)
+            u2, v2, speed = hit(a, b, u, v, count, share)
             u, v = np.where(closes, u2, u), np.where(closes, v2, v)
             for k in range(impacts):
                 speeds[k] = np.where(touching & (count == k), np.maximum(speed, 1e-3), speeds[k])
-            count = count + touching
+            count, touched = count + touching, touched | closes
         if (t >= until).all():
             break
     columns = [np.stack(column) for column in zip(*saved, strict=True)]

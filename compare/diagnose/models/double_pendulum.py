@@ -20,7 +20,7 @@ from rigtwin.compare.diagnose.models.rows import Runs, coefficients, shared
 from rigtwin.compare.diagnose.models.scattered import of_pairs
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
 from rigtwin.compare.diagnose.models.unknown import Unknown
-from rigtwin.lab.arrays import Array, Mask
+from rigtwin.lab.arrays import Array
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing_and_collide import Mutual, angles_at, swing_and_hit
 
@@ -229,7 +229,7 @@ class _Contacts:
         closing = right * np.cos(b) - left * np.cos(a) + y / contact_x * (right * np.sin(b) - left * np.sin(a))
         return x - contact_x, closing
 
-    def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, resting: Mask) -> tuple[Array, Array, Array]:
+    def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, resting: Array) -> tuple[Array, Array, Array]:
         impacts = self.bench.impacts
         at = np.minimum(count, impacts - 1)
         e = np.take_along_axis(self.local[..., 3:], at[..., None], axis=2)[..., 0]
@@ -237,12 +237,12 @@ class _Contacts:
         followed = (count < impacts) & filmed[..., 0]
         if self.bench.wall:
             speed = np.abs(self.reach[0] * u)
-            return -np.where(resting, 0.0, self._after(e, followed, speed)) * u, v, speed
+            return -np.where(np.isnan(resting), self._after(e, followed, speed), resting) * u, v, speed
         x, y, distance = self._between(a, b)
         along_a = (x * np.cos(a) + y * np.sin(a)) / distance
         along_b = (x * np.cos(b) + y * np.sin(b)) / distance
         closing = self.reach[1] * v * along_b - self.reach[0] * u * along_a
-        e = np.where(resting, 0.0, self._after(e, followed, np.abs(closing)))
+        e = np.where(np.isnan(resting), self._after(e, followed, np.abs(closing)), resting)
         impulse = -(1 + e) * closing / (along_a**2 + along_b**2)
         return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
 

@@ -310,6 +310,26 @@ def test_beads_that_do_not_rebound_swing_on_together(longer, e, apart):
         assert length * angle == pytest.approx(length * after.y[0], abs=apart)
 
 
+@pytest.mark.parametrize(("leaning", "e"), [(0.1, 0.0), (2.0, 0.0), (5.0, 0.0), (1.0, 0.6)])
+def test_a_bob_comes_to_rest_at_a_wall_that_leans_across_its_thread(leaning, e):
+    """The wall holds the bob off the vertical by `leaning` [deg], so its weight presses it on."""
+    one, length, until = np.ones((1, 1)), 0.25, 8.0
+    local = np.array([[[0.0, 0.4, 0.0, e, e, e]]])
+    bench = SimpleNamespace(wall=True, radius=2.5e-3, impacts=3, active=np.ones((1, 3), dtype=bool))
+    stands = math.radians(leaning) * one
+    contacts = _Contacts(bench, local, [length * one], lambda speed: e + 0 * speed, stands, (0 * one, 0 * one))
+    push, omega = pushing(length * one, np.array([5e-4]), np.array([2.5e-3]), G, {}, ())
+    motion = swing_and_collide.swing_and_hit(
+        (0.4 * one, 0 * one), (push, lambda a, w: 0 * a), 2 * math.pi / omega, until * one, contacts.gap,
+        contacts.hit, 3,
+    )  # fmt: skip
+    gap = length * np.sin(motion.angle_end[0][:, 0, 0] - math.radians(leaning))
+    assert motion.begin[-1, 0, 0] + motion.length[-1, 0, 0] >= until
+    step = 2 * math.pi / omega.item() / swing_and_collide.PER_PERIOD
+    assert gap.min() > -1.1 * G * math.sin(math.radians(leaning)) * step**2 / 2 - 1e-6  # in the first step of rest
+    assert gap[-20:] == pytest.approx(0.0, abs=2e-6)
+
+
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.3])
 def test_residuals_of_the_first_effect_gain_less_than_the_price_of_a_freed_calibration_quantity(share):
     """Data on a line with noise 1 determine the roll to `share` of its stated uncertainty; residuals resemble it."""
