@@ -100,7 +100,7 @@ def measure(
         measurement = _run(work, out=None, progress=progress or silent)
         return measurement
     with claimed(folder):
-        _in_own_words(lambda: check_own(folder, work.args[0]))
+        _in_own_words(lambda: check_own(folder, rig, work.args[0]))
         measurement = _run(work, out=folder, progress=progress or silent)
         return keep(measurement, folder, work.args[0])
 

@@ -68,6 +68,8 @@ class OneClip(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         ctx.allow_extra_args = True
         further = super().parse_args(ctx, args)
+        if ctx.resilient_parsing:  # completion of a line that is not finished
+            return further
         if further and all(Path(word).exists() or Path(word).suffix.lower() in ENDINGS for word in further):
             ctx.fail(one_clip(str(ctx.info_name), 1 + len(further)))
         if further:

@@ -57,18 +57,18 @@ def keep(measurement: Measurement, folder: Path, media: Path | Sequence[Path]) -
     return kept
 
 
-def check_own(folder: Path, media: Path | Sequence[Path]) -> None:
-    """Refuse a folder with results of another clip of the same name, whose files would be replaced."""
+def check_own(folder: Path, rig: str, media: Path | Sequence[Path]) -> None:
+    """Refuse a folder with results of another rig, or of media of the same name that are not measured again now."""
     from rigtwin.compare.result_files import would_be_lost
 
-    first = _each(media)[0]
-    path = _document(folder, first)
+    every = _each(media)
+    path = _document(folder, every[0])
     try:
         known = json.loads(path.read_text(encoding="utf-8"))
-        source, content = known["source"]["file"], known["media_sha256"][0]
+        source, other, contents = known["source"]["file"], known["rig"], set(known["media_sha256"])
     except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
         return
-    if first.exists() and content != sha256(first):
+    if all(one.is_file() for one in every) and (other != rig or not contents <= {sha256(one) for one in every}):
         raise would_be_lost(folder, source, path)
 
 

@@ -55,7 +55,7 @@ def measured(rig: str) -> Callable[[Command], Command]:
                 out = claim.enter_context(results_folder(rig, work.args[0]))
             else:
                 claim.enter_context(claimed(out))
-                check_own(out, work.args[0])
+                check_own(out, rig, work.args[0])
             measurement = keep(_done(partial(work, out=out), hidden=as_json or quiet), out, work.args[0])
         show_measurement(log_file.warned(measurement, attrgetter("warnings")), as_json, quiet)
 

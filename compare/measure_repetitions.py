@@ -307,7 +307,7 @@ class Pending:
 
 
 def _counted_once(found: Sequence[Measurement]) -> tuple[Measurement, ...]:
-    """The measurements; one with the numbers of an earlier one is doubtful, as no two clips agree to the last digit.
+    """The measurements; one with the records and numbers of an earlier one is doubtful: no two clips agree to the bit.
 
     Counted, a copy whose file differs (saved again, other metadata) would lower the uncertainty of a mean without a
     second measurement.
@@ -319,7 +319,11 @@ def _counted_once(found: Sequence[Measurement]) -> tuple[Measurement, ...]:
             (key_of(one), one.detail.get("view"), *(float(each).hex() for each in (one.value, one.std_uncertainty)))
             for one in item.quantities
         )
-        original = first.setdefault(numbers, item)
+        records = (
+            *(each.position.tobytes() for each in item.tracks), *(each.height.tobytes() for each in item.profiles),
+            *(each.value.tobytes() for each in item.series),
+        )  # fmt: skip
+        original = first.setdefault((numbers, records), item)
         counted.append(item if original is item or not numbers else _doubtful_copy(item, original.source))
     return tuple(counted)
 
@@ -400,15 +404,15 @@ def known(experiment: Experiment) -> dict[str, Any]:
 
 def _left_out(measurements: Sequence[Measurement]) -> Iterator[str]:
     """A warning for each doubtful repetition that is excluded from a mean, because there are sound ones."""
-    seen = [(item.source.name, one) for item in measurements for one in over_views(item.quantities)]
+    seen = [(item.source, one) for item in measurements for one in over_views(item.quantities)]
     sound = {key for key, ones in group(one for _, one in seen).items() if not all(one.doubtful for one in ones)}
-    lacking: dict[tuple[str, str], list[str]] = {}
+    lacking: dict[tuple[Path, str], list[str]] = {}
     for source, one in seen:
         if one.doubtful and key_of(one) in sound and one.quantity not in MOMENTS:
             lacking.setdefault((source, one.doubtful), []).append(title(one.quantity))
     alike: dict[tuple[str, str], list[str]] = {}  # one line for all repetitions with the same reason
     for (source, reason), names in lacking.items():
-        alike.setdefault((reason, ", ".join(dict.fromkeys(names))), []).append(source)
+        alike.setdefault((reason, ", ".join(dict.fromkeys(names))), []).append(source.name)
     for (reason, names_in_words), sources in alike.items():
         are = "are" if len(sources) > 1 else "is"
         yield f"{few_of(sources)} {are} doubtful and excluded from the mean of {names_in_words}: {reason}"

@@ -603,6 +603,8 @@ def test_clips_of_one_name_never_write_into_the_same_folder(tmp_path, capfd):
     document.unlink()
     assert rigtwin.measure("drop", ash, out="mine").files["measurement"] == document
     refused(["measure", "drop", str(oak), "--out", "mine"], capfd, f"mine: holds results of {ash}")
+    # another rig's results of the same clip
+    refused(["measure", "pendulum", str(ash), "--out", "mine"], capfd, f"mine: holds results of {ash}")
 
 
 def test_simulate_prints_one_json_document_with_the_restitution_that_was_put_in(capfd):

@@ -72,7 +72,7 @@ def views_check(what: str, values: Sequence[float], sigmas: Sequence[float], uni
     usual, scatter = float(np.sqrt(np.mean(1 / weight))), float(np.std(value, ddof=1))
     message = (
         f"the {what} of {len(value)} views scatters by {scatter:.3g} {unit}, their uncertainties explain "
-        f"{usual:.2g} {unit}; chance does as much in {100 * chance:.2g} % of cases"
+        f"{usual:.2g} {unit}; by chance it is at least as large in {100 * chance:.1f} % of cases"
     )
     ending = "." if passed else ": check that all of them show the same one, unchanged."
     return Check("views_agree", passed, scatter / usual, 1.0, message + ending)

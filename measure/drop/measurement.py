@@ -264,7 +264,8 @@ def _rate_unjudged(video: Video, camera: Camera) -> str:
     """Why lengths in a scale from gravity are doubtful for their frame rate; empty if they are not."""
     if camera.frame_rate is None:
         return RATE_UNJUDGED
-    fewer = video.frame_rate < (1 - SAME_RATE) * video.playback_rate and not video.skipped
+    repeats = video.numbers is not None or video.skipped - video.excluded
+    fewer = video.frame_rate < (1 - SAME_RATE) * video.playback_rate and not repeats
     return RATE_BELOW_THE_FILE.format(stated=video.frame_rate, file=video.playback_rate) if fewer else ""
 
 

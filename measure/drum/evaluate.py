@@ -305,11 +305,6 @@ def evaluate_observation(seen: Observation, speed: float | None, radius: float |
             f"steady part: {seen.times[first]:.3f} s to {seen.times[last]:.3f} s; before or after it the surface lies "
             "clearly elsewhere, and these frames are left out."
         )
-    if speed is not None and len(seen.times) > 1 and not seen.averaged:
-        warnings.append(
-            "speed not confirmed: the film does not show how fast the drum turns, and the uncertainties of the mean "
-            f"angles count its turns by --speed {abs(speed) * 30 / math.pi:.4g}rpm."
-        )
     return Evaluation(tuple(quantities), tuple(checks), tuple(warnings))
 
 

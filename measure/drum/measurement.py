@@ -156,6 +156,11 @@ def measure(
         doubted(doubted(one, failed(of_picture, rests_on(one, of_picture))), spoilt) for one in evaluation.quantities
     )
     checks = (*of_picture, *evaluation.checks)
+    if speed is not None and len(seen.times) > 1 and not camera.averaged:
+        warnings.append(
+            "speed not confirmed: the film does not show how fast the drum turns, and the uncertainties of the mean "
+            f"angles count its turns by --speed {abs(speed) * 30 / math.pi:.4g}rpm."
+        )
     if scale is None:
         warnings.append("scale: not known, so profiles are omitted; give --drum-diameter or --scale.")
     if turned := nothing_level(bed.upright):

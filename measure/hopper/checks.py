@@ -134,15 +134,15 @@ def size_check(
 def mass_check(
     seen: Outflow, scale: float | None, total_mass: float | None, depth: float | None, bead_density: float | None
 ) -> Check | str:
-    """Check the stated mass [kg] against that of the bed seen, a slab of the stated depth [m]; empty if one is open."""
+    """Check the stated mass [kg] against that of the bed seen, a slab of that depth [m]; empty if one is not known."""
     if scale is None or total_mass is None or depth is None or bead_density is None:
         return ""
     area = float(seen.scenery.bed.sum()) * (scale / seen.lens.zoom) ** 2
     slab = PACKING * bead_density * area * depth
     passed = 1 / MASS_OFF < total_mass / slab < MASS_OFF
     message = (
-        f"the bed seen, {1e4 * area:.3g} cm^2 over a depth of {1e3 * depth:.3g} mm, holds about {1e3 * slab:.2g} g at "
-        f"a packing of {PACKING:g}, and {1e3 * total_mass:.3g} g are stated"
+        f"the bed seen, {1e4 * area:.4g} cm^2 over a depth of {1e3 * depth:.4g} mm, holds about {1e3 * slab:.4g} g at "
+        f"a packing of {PACKING:g}, and {1e3 * total_mass:.4g} g are stated or follow from the number of beads"
     )
     advice = ": check mass or count, depth, and size and density of the beads; all of the bed must be in view"
     return Check("filling_mass", passed, total_mass, slab, message + ("." if passed else f"{advice}."))

@@ -46,7 +46,7 @@ class PendulumBench:
         self.condition = np.array([c for c, _, _ in runs])
         self.radius = np.array([condition.bead.radius for _, condition, _ in runs])
         self.mass = np.array([condition.bead.mass for _, condition, _ in runs])
-        self.mean_mass = float(self.mass.mean())
+        self.mean_mass = float(np.mean([bead.mass for bead in {c.bead.name: c.bead for c in lab.conditions}.values()]))
         self.beads = Beads([condition for _, condition, _ in runs])
         self.bead = self.beads.number
         self.length = np.array(lab.setting("length_m"))
@@ -114,7 +114,8 @@ class PendulumBench:
             radius = radius + 0.5 * self.beads.of("diameter", values, self.bead)
         if "thread_stretch_exchanged.measured_under" in values:  # the length of this bead at rest
             measured = values["thread_stretch_exchanged.measured_under"][:, None] * self.mean_mass
-            length = length * (1 + _compliance(values, local) * self.lab.gravity * (self.mass - measured))
+            strain = _compliance(values, local) * self.lab.gravity * (self.mass - measured)
+            length = length * np.maximum(1 + strain, LEAST_REACH)
         push, omega = pushing(length, self.mass, radius, self.lab.gravity, values, terms, local[..., 0])
         t0 = local[..., 0]
         since = true - t0[:, self.owner]

@@ -2,8 +2,9 @@
 
 Formula: r = L (1 + c (T - k W)), T = m (g cos theta + L omega^2)
 
-L is the stated length, T the tension, c the `compliance`, W the mean weight of the beads, and k W the tension under
-which the length was measured.  In `thread_stretch` the length of each thread was measured with its own bead.
+L is the stated length, T the tension, c the `compliance`, W the mean weight of the lab's beads, each counted once, and
+k W the tension under which the length was measured; to first order in c T.  In `thread_stretch` the length of each
+thread was measured with its own bead.
 
 Parameters:
 - `compliance` [1/N], 0 to 30, typically 0.3: strain per force
