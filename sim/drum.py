@@ -126,11 +126,12 @@ def run(
     check(rig, particle, count=count)
     depth, _ = filled_in(rig)
     positive(turns=turns, interval=interval, fill_limit=fill_limit)
-    # where a fill is from, the caller knows: it may be stated, or seen in a film
-    fill_from = " (by the number of beads given)" if count else f" ({as_given(None)})" if rig.fill is None else ""
-    said = "fill" if count is None else "count"
+    # a fill may be stated or seen in a film, which the caller knows
     if count is None:
+        said, fill_from = "fill", f" ({as_given(None)})" if rig.fill is None else ""
         count = filled(rig, particle)
+    else:
+        said, fill_from = "count", " (by the number of beads given)"
     bench = Bench(rig, particle, wall, contact, wall_contact, numerics)
     if (passes := abs(rig.speed) * rig.diameter / 2) >= bench.fastest:
         raise BadInput(

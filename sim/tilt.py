@@ -240,8 +240,8 @@ def _start(trial: Trial) -> tuple[Particle, tuple[float, float, float]]:
     rest = _depth(body, trial.wall.softened(factor), rig.start_angle)
     if rest >= body.radius:
         raise BadInput(
-            f"youngs_modulus: {trial.particle.name} at {factor:g} of its own would sink into the plate by "
-            f"{rest * 1e3:.3g} mm, past its centre; check the modulus of the particle and of the wall."
+            f"youngs_modulus: {trial.particle.name} would sink {rest * 1e3:.3g} mm into the plate, past its centre (the"
+            f" twin computes with {factor:g} times the stated moduli); check those of the particle and of the wall."
         )
     return body, (rig.plate_length / 2, 0.0, body.radius - rest)
 

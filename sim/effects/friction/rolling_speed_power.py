@@ -15,7 +15,7 @@ from typing import Any
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 
-SLOW = 1e-4  # [m/s], lower limit of the speed in a power
+SLOW = 1e-4  # [m/s], added in quadrature, so that a power of zero is finite; no film shows so slow a roll
 
 
 def rolling(mu: Any, speed: Any, radius: Any, slope: Any, speed_exponent: Any) -> Any:

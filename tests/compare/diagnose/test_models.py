@@ -207,7 +207,7 @@ def test_a_bearing_whose_moment_is_a_power_of_the_rate_damps_as_its_equation_say
 
 @pytest.mark.parametrize("power", [0.2, 0.5, 1.0])
 def test_rolling_friction_that_grows_with_a_power_of_the_speed_slows_as_its_equation_says(power):
-    """A sphere slows by 5/7 of gravity times its rolling friction, which is `mu` more than 0.02 v^`power`."""
+    """A sphere slows by 5/7 of gravity times its rolling friction, which is `mu` + 0.02 v^`power`."""
     mu, slope, speed = 0.004, 0.02, 0.8
     term = named("rolling_speed_power")
 
