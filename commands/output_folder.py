@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, Claimed
@@ -64,12 +65,13 @@ def check_own(folder: Path, rig: str, media: Path | Sequence[Path]) -> None:
     every = _each(media)
     path = _document(folder, every[0])
     try:
-        known = json.loads(path.read_text(encoding="utf-8"))
-        source, other, contents = known["source"]["file"], known["rig"], set(known["media_sha256"])
+        known = _results(path)
     except (OSError, ValueError, LookupError, TypeError):  # none, or not of ours
         return
-    if all(one.is_file() for one in every) and (other != rig or not contents <= {sha256(one) for one in every}):
-        raise would_be_lost(folder, source, path)
+    if all(one.is_file() for one in every):
+        again = {sha256(one) for one in every}
+        if known.rig != rig or not again.issuperset(known.contents):
+            raise would_be_lost(folder, known.source, path)
 
 
 def check_only(rig: str, folder: Path) -> None:
@@ -95,12 +97,27 @@ def _name(source: Path) -> str:
     return source.resolve().stem
 
 
+class _Results(NamedTuple):
+    """Whose results stand in a folder."""
+
+    rig: str
+    source: str
+    contents: list[str]
+    """Digests of all media."""
+
+
+def _results(path: Path) -> _Results:
+    known = json.loads(path.read_text(encoding="utf-8"))
+    return _Results(known["rig"], known["source"]["file"], list(known["media_sha256"]))
+
+
 def _free(folder: Path, rig: str, media: Sequence[Path]) -> bool:
     try:
-        known = json.loads(_document(folder, media[0]).read_text(encoding="utf-8"))
-        stated = (known["rig"], known["media_sha256"])
+        known = _results(_document(folder, media[0]))
     except FileNotFoundError:
         return True
     except (ValueError, KeyError, TypeError, NotADirectoryError):  # not of ours
         return False
-    return not all(one.exists() for one in media) or stated == (rig, [sha256(one) for one in media])
+    if not all(one.exists() for one in media):
+        return True
+    return (known.rig, known.contents) == (rig, [sha256(one) for one in media])
