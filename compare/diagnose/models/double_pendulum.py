@@ -237,12 +237,12 @@ class _Contacts:
         followed = (count < impacts) & filmed[..., 0]
         if self.bench.wall:
             speed = np.abs(self.reach[0] * u)
-            return -np.where(np.isnan(resting), self._after(e, followed, speed), resting) * u, v, speed
+            return -self._after(e, followed, speed, resting) * u, v, speed
         x, y, distance = self._between(a, b)
         along_a = (x * np.cos(a) + y * np.sin(a)) / distance
         along_b = (x * np.cos(b) + y * np.sin(b)) / distance
         closing = self.reach[1] * v * along_b - self.reach[0] * u * along_a
-        e = np.where(np.isnan(resting), self._after(e, followed, np.abs(closing)), resting)
+        e = self._after(e, followed, np.abs(closing), resting)
         impulse = -(1 + e) * closing / (along_a**2 + along_b**2)
         return u - impulse * along_a / self.reach[0], v + impulse * along_b / self.reach[1], np.abs(closing)
 
@@ -264,11 +264,11 @@ class _Contacts:
 
         return pushed
 
-    def _after(self, own: Array, followed: Array, speed: Array) -> Array:
-        """The impact's own restitution, or that of the law at its speed for impacts without their own."""
-        if followed.all():
-            return own
-        return np.where(followed, own, self.law(np.maximum(speed, 1e-3)[..., None])[..., 0])
+    def _after(self, own: Array, followed: Array, speed: Array, resting: Array) -> Array:
+        """The impact's own restitution, that of the law at its speed without one, or that of bobs that rest."""
+        if not followed.all():
+            own = np.where(followed, own, self.law(np.maximum(speed, 1e-3)[..., None])[..., 0])
+        return np.where(np.isnan(resting), own, resting)
 
     def _between(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
         x = 2 * self.bench.radius + self.apart + self.reach[1] * np.sin(b) - self.reach[0] * np.sin(a)

@@ -136,8 +136,10 @@ class PendulumBench:
         reach = length[:, self.owner]
         if "thread_creep.rate" in values:
             reach = reach + values["thread_creep.rate"][:, None] * np.maximum(since, 0.0)
-        more = self.mass[self.owner] * (self.lab.gravity * (np.cos(angle) - 1.0) + reach * rate**2)
-        reach = reach * (1 + _compliance(values, length) * more)
+        compliance = _compliance(values, length)
+        if compliance.any():
+            more = self.mass[self.owner] * (self.lab.gravity * (np.cos(angle) - 1.0) + reach * rate**2)
+            reach = reach * (1 + compliance * more)
         return np.asarray(reach)
 
     def quiet(self, name: str, terms: Sequence[Effect]) -> bool:
