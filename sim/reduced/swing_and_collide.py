@@ -3,7 +3,7 @@
 Steps have a fixed length and are shortened to end at each contact.  The impact acts there, before the next step.  Bobs
 that touch at the beginning of a step and again at its end rest against each other: the step is not shortened, and their
 closing rate becomes the one with which they touch again at the end of the next step.  A rebound that ends within one
-step is lost by this, and in the first step the force presses them into each other: some micrometres of the path.
+step is lost by this, and in the first step they overlap by what the force that presses them moves in one step.
 """
 
 from __future__ import annotations

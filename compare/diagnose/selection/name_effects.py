@@ -44,7 +44,7 @@ GLANCE = 6.0  # promised gain in deviance below which a candidate is not fitted
 ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline shows that the old one was a poor minimum
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
-NEARLY_ALL = 0.95  # share of the gap; an effect that closes 90 % is named
+NEARLY_ALL = 0.95  # share of the gap from which what is left may be an error of the law alone; chosen on four labs
 NEAR_NOISE = 1.5  # chi2 per coordinate below which a fit describes the data but for their noise
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
