@@ -86,8 +86,12 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             self._ledger = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None, check_same_thread=False)
             self._ledger.row_factory = sqlite3.Row
-            self._ledger.execute("pragma journal_mode = wal")
-            self._ledger.executescript(TABLES)
+            try:
+                self._ledger.execute("pragma journal_mode = wal")
+                self._ledger.executescript(TABLES)
+            except BaseException:
+                self._ledger.close()
+                raise
         self._owner = _Owner(folder / "owners")
 
     def __enter__(self) -> Store:

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -225,7 +226,7 @@ def test_a_store_is_read_with_pandas_alone(tmp_path):
     import pandas as pd
 
     run_all([number(1), number(2, size={"bead": 6.2e-3})], tmp_path)
-    with sqlite3.connect(tmp_path / "ledger.sqlite") as ledger:
+    with closing(sqlite3.connect(tmp_path / "ledger.sqlite")) as ledger:
         assert set(pd.read_sql("select * from runs", ledger)["name"]) == {"number-1", "number-2"}
     with Store(tmp_path) as store:
         frame = store.to_frame().set_index("name")
