@@ -268,6 +268,8 @@ def acts(effect: Effect, lab: TrackedLab) -> bool:
         return False
     if any(parameter.name == SIZE_EXPONENT for parameter in effect.parameters) and effect.free and not _sizes(lab):
         return False
+    if effect.geometry == "lengths" and lab.rig in effect.rigs and len(set(lab.setting("length_m"))) < 2:
+        return False
     strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
     return lab.rig in effect.rigs or (strikes and effect.restitution is not None and "drop" in effect.rigs)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.models.camera import camera_unknowns
-from rigtwin.compare.diagnose.models.pendulum import OWN_LENGTH, pushing
+from rigtwin.compare.diagnose.models.pendulum import OWN_LENGTH, pushing, true_lengths
 from rigtwin.compare.diagnose.models.rows import Runs, coefficients, shared
 from rigtwin.compare.diagnose.models.scattered import of_pairs
 from rigtwin.compare.diagnose.models.sensitivities import SMALL, Moved
@@ -177,7 +177,7 @@ class DoubleBench(Runs):
 
     def _lengths(self, body: str, values: Mapping[str, Array]) -> Array:
         own = np.stack([values[f"length.{body}.{length:g}"] for length in self.lengths], axis=-1)[:, self.which]
-        return self.length + own + values["length_error.offset"][:, None]
+        return true_lengths(self.length, values) + own
 
     def _of_bead(self, kind: str, values: Mapping[str, Array]) -> Array:
         """Error [m] of the diameters or of the pivot spacing in each repetition."""

@@ -24,6 +24,7 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing import Push, angle_at, half_swings
 
 LEAST_REACH = 0.2  # of the length, of an elastic thread whose trial compliance is too large for its bob
+SOONEST = 1e-3  # [s], after the release: creep with a power of the time begins infinitely fast
 LENGTHENING = ("stretch", "creep")  # effects that make the thread longer during a swing
 OWN_LENGTH = 0.5  # individual uncertainty of each length, as a share of the stated (common) length uncertainty
 
@@ -105,7 +106,7 @@ class PendulumBench:
 
     def move(self, local: Array, values: Mapping[str, Array], terms: Sequence[Effect], true: Array, seen: int) -> Moved:
         """Motion of all repetitions for a stack of settings."""
-        length = self.length + values["length_error.offset"][:, None]
+        length = true_lengths(self.length, values)
         if len(self.lengths) > 1:
             own = np.stack([values[f"length.{one:g}"] for one in self.lengths], axis=-1)
             length = length + own[:, self.which]
@@ -134,8 +135,7 @@ class PendulumBench:
     def _reach(self, length: Array, angle: Array, rate: Array, since: Array, values: Mapping[str, Array]) -> Array:
         """Distance from the pivot to the bob at each row, shape (settings, N)."""
         reach = length[:, self.owner]
-        if "thread_creep.rate" in values:
-            reach = reach + values["thread_creep.rate"][:, None] * np.maximum(since, 0.0)
+        reach = reach + _crept(values, reach, since)[0]
         compliance = _compliance(values, length)
         if compliance.any():
             more = self.mass[self.owner] * (self.lab.gravity * (np.cos(angle) - 1.0) + reach * rate**2)
@@ -158,6 +158,29 @@ def _compliance(values: Mapping[str, Array], stack: Array) -> Array:
     """Strain per force [1/N] of the thread, shape (settings, 1); zero without an effect that stretches it."""
     names = ("thread_stretch.compliance", "thread_stretch_exchanged.compliance")
     return sum((values[name] for name in names if name in values), np.zeros(len(stack)))[:, None]
+
+
+def _crept(values: Mapping[str, Array], length: Array, since: Array | float) -> tuple[Array | float, Array | float]:
+    """Growth [m] of threads of the `length` [m] by creep, a time `since` the release [s], and its rate [m/s]."""
+    longer: Array | float = 0.0
+    growth: Array | float = 0.0
+    since = np.maximum(since, SOONEST)
+    if "thread_creep.rate" in values:
+        growth = values["thread_creep.rate"][:, None]
+        longer = growth * since
+    if "thread_creep_power.strain" in values:
+        power = values["thread_creep_power.time_exponent"][:, None]
+        crept = values["thread_creep_power.strain"][:, None] * length * since**power
+        longer, growth = longer + crept, growth + power * crept / since
+    return longer, growth
+
+
+def true_lengths(stated: Array, values: Mapping[str, Array]) -> Array:
+    """Lengths [m] with the errors that all share, shape (settings, R), of the stated ones, shape (R,)."""
+    found = stated + values["length_error.offset"][:, None]
+    if "length_error_ratio.relative" in values:
+        found = found + values["length_error_ratio.relative"][:, None] * stated
+    return np.asarray(found)
 
 
 def pushing(
@@ -184,7 +207,6 @@ def pushing(
 
     pull = weight / inertia
     stretch = _compliance(values, length) * mass * length
-    creep = values.get("thread_creep.rate", np.zeros(len(length)))[:, None]
 
     def fall(angle: Array, _rate: Array) -> Array:
         return np.asarray(-pull * np.sin(angle))
@@ -198,7 +220,8 @@ def pushing(
         cosine = np.cos(angle)
         moment = -weight * sine
         if lengthens:  # a thread of changing length r: r theta'' = -g sin(theta) - 2 r' theta'
-            longer = stretch * (gravity * (cosine - 1.0) + length * rate**2) + creep * since
+            crept, creep = _crept(values, length, since)
+            longer = stretch * (gravity * (cosine - 1.0) + length * rate**2) + crept
             reach = np.maximum(length + longer, LEAST_REACH * length)
             moment = moment * length / reach
         for term, own in acting:

@@ -186,6 +186,24 @@ def test_an_elastic_thread_swings_as_its_angular_momentum_says(strain):
     assert angle[0] == pytest.approx(exact, abs=3e-5)
 
 
+@pytest.mark.parametrize("power", [1 / 3, 1.0])
+def test_a_creeping_thread_swings_as_its_angular_momentum_says(power):
+    length, strain = 0.2, 0.01  # after 1 s
+    times = np.linspace(0.1, 5.0, 60)
+
+    def motion(time, state):
+        reach = length * (1 + strain * time**power)
+        return state[1] / reach**2, -G * reach * math.sin(state[0])
+
+    exact = solve_ivp(motion, (0, 5.0), (1.0, 0.0), t_eval=times, rtol=1e-10, atol=1e-12).y[0]
+    term = named("thread_creep_power")
+    values = {f"{term.name}.strain": np.array([strain]), f"{term.name}.time_exponent": np.array([power])}
+    push, omega = pushing(np.array([[length]]), np.array([1e-3]), np.array([3e-3]), G, values, (term,))
+    swings = swing.half_swings(np.array([[1.0]]), push, omega, np.array([[5.0]]), driven=True)
+    angle, _ = swing.angle_at(swings, times[None], np.zeros(len(times), dtype=int))
+    assert angle[0] == pytest.approx(exact, abs=2e-4)
+
+
 @pytest.mark.parametrize("power", [2 / 3, 1.0, 1.2])
 def test_a_bearing_whose_moment_is_a_power_of_the_rate_damps_as_its_equation_says(power):
     length, mass, moment = 0.3, 2e-4, 2e-6  # the moment [N m] at 1 rad/s
