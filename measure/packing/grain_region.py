@@ -78,12 +78,13 @@ def sides(straight: Straight, radius: float) -> tuple[Array, Array]:
     return ends[0], ends[1]
 
 
-def upright_borders(image: Image, straight: Straight) -> Array:
+def upright_borders(image: Image, straight: Straight, lean: float) -> Array:
     """Change of colour [Lab levels per 2 px] at every column of the turned picture, median of the core's rows, (n,).
 
-    A straight wall has the same change in all rows, the edges of grains are scattered.
+    `lean` [rad] is that of the borders, which converge in perspective.  A straight wall has the same change in all
+    rows, the edges of grains are scattered.
     """
-    turn = cv2.getRotationMatrix2D(straight.centre, -math.degrees(straight.lean), 1.0)
+    turn = cv2.getRotationMatrix2D(straight.centre, -math.degrees(lean), 1.0)
     size = (image.shape[1], image.shape[0])
     turned = cv2.warpAffine(image, turn, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     rows = np.nonzero(straight.region)[0]
