@@ -29,6 +29,7 @@ from rigtwin.commands.options import (
     tracked,
 )
 from rigtwin.commands.run_command import Work, finished, measured
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.media_files import FILMS, PICTURES, SOUNDS
 
 ENDINGS = (*FILMS, *PICTURES, *SOUNDS, ".csv")
@@ -316,6 +317,14 @@ def measure_hopper(
     """A hopper empties: discharge time and flow rate."""
     from rigtwin.measure.hopper import measurement as hopper
 
+    of_check = {"--depth": depth, "--bead-density": bead_density, "--total-mass": total_mass}
+    missing = [option for option, value in of_check.items() if value is None]
+    stated = [option for option, value in of_check.items() if value is not None and option != "--total-mass"]
+    if stated and missing:
+        raise BadInput(
+            f"measure hopper: {' and '.join(stated)} only check the stated mass; give {' and '.join(missing)} too, or "
+            f"leave {'it' if len(stated) == 1 else 'them'} out."
+        )
     return partial(
         hopper.measure,
         clip,

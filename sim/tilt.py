@@ -18,7 +18,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.records import Series, Track
 from rigtwin.lab.rigs import GRAVITY, Tilt
 from rigtwin.lab.units import positive
-from rigtwin.sim.engine.contact import Rolling
+from rigtwin.sim.engine.contact import OVERLAP_AT_START, Rolling
 from rigtwin.sim.engine.time_step import FEW_BODIES
 from rigtwin.sim.run.frame_times import MOST_FRAMES, frame_times
 from rigtwin.sim.run.trials import FRAMES_AT_REST, TRACK_SIGMA, each, name
@@ -256,6 +256,7 @@ def _case(trial: Trial, frames: _Frames) -> Case:
     if rig.variant == "slide":
         contact = replace(contact, rolling_friction=0.0)
     body, start = _start(trial)
+    pressed_in = 1 - start[2] / body.radius  # as deep as its weight presses it
     plate = trial.wall.softened(trial.stiffness_factor)
     return Case(
         [Body(body, start, turns=rig.variant == "roll")],
@@ -266,7 +267,7 @@ def _case(trial: Trial, frames: _Frames) -> Case:
         step=contact_step([body], FEW_BODIES),
         rolling=trial.rolling,
         effects=acting(trial.effects),
-        overlap=1.0,  # `_start` puts the body as deep as its weight presses it
+        overlap=max(OVERLAP_AT_START, 1.01 * pressed_in),
     )
 
 

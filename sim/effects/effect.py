@@ -90,8 +90,8 @@ class Effect:
         Hook functions, see Notes.
     geometry : str
         Name of the quantity of the rig that the first parameter shifts: ``"level"``, ``"length"``,
-        ``"lengths"``, ``"release_spin"``, ``"rod_mass"``, ``"stretch"``, ``"creep"``, ``"release_speed"``, ``"tilt_rate"``,
-        ``"surface_slope"``, ``"surface_direction"``, ``"jitter"``, ``"scatter"``.
+        ``"lengths"``, ``"release_spin"``, ``"rod_mass"``, ``"stretch"``, ``"creep"``, ``"release_speed"``,
+        ``"tilt_rate"``, ``"surface_slope"``, ``"surface_direction"``, ``"jitter"``, ``"scatter"``.
     splits : str
         Experiment that separates this effect from similar ones.
     aimed : bool

@@ -1,4 +1,4 @@
-"""Friction that falls with a fitted power of the load: adhesion of elastic contacts, whose area grows slower than the load.
+"""Friction that falls with a power of the load: adhesion of elastic contacts, whose area grows slower than the load.
 
 Formula: mu_s = mu (N / 0.01 N)^-a
 
@@ -29,7 +29,9 @@ EFFECT = Effect(
     family="contact_adhesion",
     rigs=("slide",),
     parameters=(
-        Parameter("load_exponent", "1", 0.0, 0.34, 0.08, meaning="a, 1/3 of one elastic sphere, less of many asperities"),
+        Parameter(
+            "load_exponent", "1", 0.0, 0.34, 0.08, meaning="a, 1/3 of one elastic sphere, less of many asperities"
+        ),
     ),
     equation="mu_s = mu (N / 0.01 N)^-a",
     source="Archard 1957",

@@ -21,7 +21,9 @@ EFFECT = Effect(
     rigs=("pendulum",),
     parameters=(
         Parameter("strain", "1", -0.05, 0.05, 1e-3, meaning="k, after 1 s"),
-        Parameter("time_exponent", "1", 0.1, 1.0, 0.4, assumed=(0.5, 0.2), meaning="p, 1/3 of primary, 1 of steady creep"),
+        Parameter(
+            "time_exponent", "1", 0.1, 1.0, 0.4, assumed=(0.5, 0.2), meaning="p, 1/3 of primary, 1 of steady creep"
+        ),
     ),
     equation="r = L (1 + k (t / 1 s)^p)",
     source="Andrade 1910",
