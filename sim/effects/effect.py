@@ -85,7 +85,7 @@ class Effect:
         Other names.
     family : str
         Name shared by alternative forms of one mechanism; they are distinguished only where the data can.
-    force, torque, mutual, restitution, rolling, sliding, onset, attraction, neck, exposure, view, drive : \
+    force, sideways, torque, mutual, restitution, rolling, sliding, onset, attraction, neck, exposure, view, drive : \
             callable, optional
         Hook functions, see Notes.
     geometry : str
@@ -122,6 +122,8 @@ class Effect:
 
     - ``force(vx, vy, gap, radius, mass, *p) -> (fx, fy)`` [N] on a sphere in flight or on a thread; `gap` [m] is the
       height of its lowest point above the plate.
+    - ``sideways(x, radius, mass, *p)`` [N]: horizontal force on a sphere in flight at the place `x` [m] in the picture.
+      Only the drops of the diagnosis have it.
     - ``torque(angle, rate, length, mass, *p)`` [N m] about a pivot.
     - ``mutual(distance, radius, mass, *p)`` [N]: force by which two equal beads push each other apart, from the
       `distance` [m] of their centres.  Only the double pendulum of the diagnosis has it.
@@ -153,6 +155,7 @@ class Effect:
     synonyms: tuple[str, ...] = ()
     family: str = ""
     force: Hook | None = None
+    sideways: Hook | None = None
     torque: Hook | None = None
     mutual: Hook | None = None
     restitution: Hook | None = None

@@ -15,6 +15,7 @@ RADIUS, MASS, MODULUS = np.full(3, 3e-3), np.full(3, 1e-4), np.full(3, 1e9)  # [
 SHARE, TIME = np.array([0.2, 0.5, 0.8]), np.array([0.0, 0.1, 2.0])  # friction or restitution; [s]
 TRIED = {
     "force": (SPEED, SPEED[::-1], WAY, RADIUS, MASS),
+    "sideways": (WAY, RADIUS, MASS),
     "torque": (SPEED, SPEED[::-1], WAY, MASS),
     "mutual": (WAY + 0.006, RADIUS, MASS),
     "restitution": (SHARE, abs(SPEED), RADIUS, MASS),

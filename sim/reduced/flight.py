@@ -55,13 +55,21 @@ def fly(
     gravity: float,
     terms: Sequence[Effect],
     values: Mapping[str, Array],
+    across: Array | float = 0.0,
 ) -> Paths:
-    """Integrate until contact with the plate, tilted by the given sine and cosine; `gap` [m] is the initial gap."""
-    forces: list[tuple[Any, list[Array]]] = [
-        (term.force, [values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters])
-        for term in terms
-        if term.force is not None
-    ]
+    """Integrate until contact with the plate, tilted by the given sine and cosine; `gap` [m] is the initial gap.
+
+    `across` [m] is the place along x at which each flight starts, for forces that depend on it.
+    """
+
+    def acting(hook: str) -> list[tuple[Any, list[Array]]]:
+        return [
+            (getattr(term, hook), [values[f"{term.name}.{p.name}"][:, None, None] for p in term.parameters])
+            for term in terms
+            if getattr(term, hook) is not None
+        ]
+
+    forces, pulls = acting("force"), acting("sideways")
 
     def above(place: Array) -> Array:
         return np.asarray(gap + place[1] * cosine - place[0] * sine)
@@ -75,6 +83,8 @@ def fly(
         for force, own in forces:
             fx, fy = force(u, v, above(place), radius, mass, *own)
             ax, ay = ax + fx / mass, ay + fy / mass
+        for sideways, own in pulls:
+            ax = ax + sideways(across + place[0], radius, mass, *own) / mass
         return np.stack([ax, ay])
 
     steep = any(term.steep for term in terms)

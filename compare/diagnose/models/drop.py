@@ -52,7 +52,7 @@ class DropBench:
     bodies = 1
     onset = 0
     small = DROP_STEP
-    per_run = ("conditions", "pair", "friction", "events", "active", "bead")
+    per_run = ("conditions", "pair", "friction", "events", "active", "bead", "across")
 
     def __init__(self, lab: TrackedLab) -> None:
         self.lab = lab
@@ -93,9 +93,15 @@ class DropBench:
         self.condition_names = [condition.name for condition in lab.conditions]
         self.region, self.region_names = regions(self.time, self.spans, events)
         self.impacts = max(1, *(len(found) for found in events))
+        # [m], (R, flights), where each flight starts, as the picture shows it
+        self.across = np.stack(
+            [
+                _places(self.time[span], self.rows[span, 0], found, self.impacts)
+                for span, found in zip(self.spans, events, strict=True)
+            ]
+        )
         self.active = np.array([[j < len(found) for j in range(self.impacts)] for found in events])
-        repetitions = len(runs)
-        lost = self.impacts
+        repetitions, lost = len(runs), self.impacts
         self.local_prior = np.concatenate(
             [
                 np.zeros((repetitions, 2)),
@@ -211,7 +217,7 @@ class DropBench:
         paths = flight.fly(
             own.vx, own.vy, own.gap, own.sine, own.cosine,
             radius=self.radius[:, None], mass=self.mass[:, None], gravity=self.lab.gravity, terms=terms,
-            values=repeated,
+            values=repeated, across=self.across,
         )  # fmt: skip
         begin, x_start, y_start = self._laid_out(local, paths, settings)
         same = [np.concatenate([one, *([one[:1]] * 3)]) for one in (begin, x_start, y_start)]
@@ -264,7 +270,7 @@ class DropBench:
         effect = name.split(".", maxsplit=1)[0]
         if effect in ("plate_tilt", "release_speed", "diameter"):
             return True
-        return any(term.name == effect and term.force is not None for term in terms)
+        return any(term.name == effect and (term.force or term.sideways) is not None for term in terms)
 
     def _starts(self, local: Array, values: Mapping[str, Array]) -> tuple[Array, Array, Array, Array, Array]:
         """Speeds [m/s] at the start of each flight, height of fall [m], and sine and cosine of the plate's tilt."""
@@ -369,6 +375,12 @@ class DropBench:
             first = values[f"restitution.{self.pairs[like]}"]
             found[pair] = first if like == number else first + values[f"restitution_beside.{pair}"]
         return found
+
+
+def _places(time: Array, x: Array, events: Sequence[float], impacts: int) -> Array:
+    """Place along x [m] of the release and of each impact, shape (1 + impacts,); the last one for those not filmed."""
+    seen = np.interp([time[0], *events], time, x)
+    return np.pad(seen, (0, impacts + 1 - len(seen)), mode="edge")
 
 
 def _alike(lab: TrackedLab) -> list[int]:

@@ -60,7 +60,7 @@ def _across(term: Effect) -> bool:
 def _places(term: Effect) -> set[str]:
     """Where an effect acts: motion, impact, friction, picture, time of the frames, or its geometry."""
     hooks = {
-        "motion": (term.force, term.torque),
+        "motion": (term.force, term.sideways, term.torque),
         "impact": (term.restitution, term.attraction),
         "friction": (term.rolling, term.sliding, term.onset),
         "picture": (term.view,),

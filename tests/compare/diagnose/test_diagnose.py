@@ -553,10 +553,13 @@ def test_a_wrong_clock_beside_a_strong_drag_is_named_too(tmp_path):
         ("pendulum", "thread_stretch", "creeping", (231, 24), ("thread_creep_power", "thread_creep", "air_drag")),
         # small, as in many labs, but clear
         ("pendulum", "perspective", "pinhole", (107, 30), ("perspective", "rod_mass", "scale_error")),
+        # a body so close that its pull grows several times as the beads come nearer
+        ("drop", "side_attraction", "inverse square", (243, 110), ("side_attraction_near", "side_attraction")),
     ],
 )
 def test_what_another_code_hides_is_named(rig, effect, law, seeds, listed, tmp_path):
-    write(Case("single", rig, (effect,), (law,), "moderate"), "lab", seeds, tmp_path)
+    strength = "strong" if rig == "drop" else "moderate"
+    write(Case("single", rig, (effect,), (law,), strength), "lab", seeds, tmp_path)
     found = diagnose(read_tracked_lab(tmp_path / "labs" / "lab"), listed=[named(name) for name in listed])
     assert (found.verdict, found.chosen.names) == ("named", (listed[0],))
 

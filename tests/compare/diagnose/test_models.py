@@ -37,6 +37,29 @@ def test_a_flight_without_air_is_a_parabola():
     assert path.land_vy.item() == pytest.approx(-3.0, rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("effect", "grows", "law"),
+    [
+        ("side_attraction_near", {"nearness": 20.0}, lambda x: 1 / (1 - 20 * x) ** 2),
+        ("side_attraction_decay", {"growth": 40.0}, lambda x: math.exp(40 * x)),
+    ],
+)
+def test_a_pull_that_grows_sideways_moves_a_bead_as_its_equation_says(effect, grows, law):
+    """A bead that is thrown up beside a body at x = 50 mm; it starts 5 mm towards it."""
+    one = np.ones((1, 1, 1))
+    mass, pull, start, duration = 1e-4, 4e-5, 0.005, 2 * 1.2 / G  # a twentieth of its weight at x = 0
+    values = {"force": pull, "size_exponent": 0.0, **grows}
+    path = flight.fly(
+        0 * one, 1.2 * one, 0 * one, 0 * one, one, radius=3e-3 * one, mass=mass * one, gravity=G,
+        terms=(named(effect),), values={f"{effect}.{name}": np.array([value]) for name, value in values.items()},
+        across=start * one,
+    )  # fmt: skip
+    exact = solve_ivp(lambda _t, s: (s[1], pull / mass * law(s[0])), (0, duration), (start, 0.0), rtol=1e-9, atol=1e-12)
+    assert path.duration.item() == pytest.approx(duration, rel=1e-6)
+    assert path.land_x.item() == pytest.approx(exact.y[0, -1] - start, rel=1e-3)
+    assert exact.y[0, -1] - start > 1.3 * pull / mass * duration**2 / 2  # much further than with a constant pull
+
+
 def test_a_long_fall_ends_at_the_terminal_speed_of_its_drag():
     one = np.ones((1, 1, 1))
     radius, mass = 0.006, 2.5e-5
@@ -411,7 +434,7 @@ def test_every_effect_says_what_it_is_and_how_it_enters():
         assert effect.splits
         assert set(effect.rigs) <= set(labs.TRACKED)
         hooks = (effect.force, effect.torque, effect.restitution, effect.rolling, effect.sliding, effect.onset)
-        contact = (effect.attraction, effect.neck, effect.mutual)
+        contact = (effect.attraction, effect.neck, effect.mutual, effect.sideways)
         assert any((*hooks, *contact, effect.exposure, effect.view)) or effect.geometry
         for parameter in effect.parameters:
             # an exponent or a reach does not measure the strength, and every liquid has some density
