@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
-from rigtwin.lab.camera import Camera, Lens
+from rigtwin.lab.camera import Camera, Lens, Line
 from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.lab.input_files import why_not_ordinary
 
 SMALLEST_REGION = 8  # [px], sides of what is searched; filters over a picture of fewer find no grain in it
+MOSTLY = 0.5  # share of a base line that must be in the picture; a photo may cut off the ends of a base
 SMALLEST = 5  # [px], minimum width and height
 
 
@@ -26,6 +28,8 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
                 f"{SMALLEST_REGION} x {SMALLEST_REGION} px are needed; give a larger one."
             )
     for option, (x, y) in ((mark.label, point) for mark in camera.places() for point in mark.points):
+        if option == "--base" and camera.base is not None and _share_inside(camera.base, width, height) > MOSTLY:
+            continue
         if not (-1 <= x <= width and -1 <= y <= height):
             place = f"the row {y:g}" if option == "--floor" else f"a point at {x:g},{y:g}"
             raise BadInput(f"{path}: {option} names {place}, {outside}")
@@ -40,6 +44,15 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
         raise BadInput(
             f"{path}: --circle has a radius of {camera.circle[2]:g} px, more than {width} x {height} px show."
         )
+
+
+def _share_inside(line: Line, width: int, height: int) -> float:
+    """Share of a line that lies inside the picture."""
+    import cv2
+
+    first, last = ((round(8 * x), round(8 * y)) for x, y in line)  # whole numbers are needed
+    crosses, entry, leaving = cv2.clipLine((0, 0, 8 * width, 8 * height), first, last)
+    return math.dist(entry, leaving) / 8 / math.dist(*line) if crosses else 0.0
 
 
 def must_fit(path: Path, shape: tuple[int, ...], lens: Lens) -> None:

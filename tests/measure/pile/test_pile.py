@@ -717,6 +717,19 @@ def test_a_heap_on_a_stated_base_is_measured_where_no_base_is_found(tmp_path: Pa
     assert (tmp_path / "out" / "heap-overlay.png").is_file()
 
 
+def test_the_ends_of_a_stated_base_may_lie_outside_the_photo(tmp_path: Path) -> None:
+    scene = Scene(seed=9, covered=0.8)
+    (left, y), (right, _) = base_of(scene)
+    cut = round(left + 0.04 * (right - left))  # a base whose ends carry no grain
+    path = tmp_path / "heap.png"
+    cv2.imwrite(str(path), draw(scene)[:, cut:-cut])
+    result = measure([path], Camera(base=((left - cut, y), (right - cut, y))), base_diameter=scene.base * BEAD)
+    exact = angle(truth(scene), GRAPHICAL, "mean").value
+    assert angle(result, GRAPHICAL, "mean").value == pytest.approx(exact, abs=1.2)
+    with pytest.raises(BadInput, match="--base names a point at"):
+        measure([path], Camera(base=((left - 900, y), (right - cut, y))))
+
+
 CLUTTERED = SCENES["looking down, clutter, noise"]  # 82 % of the base's rim and sides lie on edges
 
 
