@@ -322,8 +322,8 @@ def measure_hopper(
     stated = [option for option, value in of_check.items() if value is not None and option != "--total-mass"]
     if stated and missing:
         raise BadInput(
-            f"measure hopper: {' and '.join(stated)} only check the stated mass; give {' and '.join(missing)} too, or "
-            f"leave {'it' if len(stated) == 1 else 'them'} out."
+            f"measure hopper: {' and '.join(stated)} serve{'s' if len(stated) == 1 else ''} to check the stated mass; "
+            f"give {' and '.join(missing)} too, or leave {'it' if len(stated) == 1 else 'them'} out."
         )
     return partial(
         hopper.measure,

@@ -267,7 +267,7 @@ def _case(trial: Trial, frames: _Frames) -> Case:
         step=contact_step([body], FEW_BODIES),
         rolling=trial.rolling,
         effects=acting(trial.effects),
-        overlap=max(OVERLAP_AT_START, 1.01 * pressed_in),
+        overlap=max(OVERLAP_AT_START, 1.01 * pressed_in),  # with room for rounding
     )
 
 

@@ -393,7 +393,10 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
         (["measure", "drop", "x.mp4", "--bead-diameter", "6mm", "--bead-mass", "71g"], "more than any metal"),
         (["measure", "drop", "x.mp4", "--bead-density", "568000kg/m^3"], "more than any metal"),
         (["measure", "drop", "x.mp4", "--bead-density", "568g/m^3"], "less than the air"),
-        (["measure", "hopper", "x.mp4", "--depth", "40mm"], "give --bead-density and --total-mass too"),
+        (
+            ["measure", "hopper", "x.mp4", "--depth", "40mm"],
+            "--depth serves to check the stated mass; give --bead-density and --total-mass too",
+        ),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "wood_ash"], "D6-wood_ash"),
         (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
         (["measure", "drop", "x.mp4", "--bead-mass", "6mm"], "wrong unit for a mass; write it like"),

@@ -208,7 +208,7 @@ LISTED = (
         "length_error",
         {"offset": camera.shift("length", 0.003, 0.012), "ratio": camera.shift("length_ratio", 0.01, 0.04)},
         ("pendulum", "double"),
-        ("length error", "wrong length", "pendulum length", "thread length", "length"),
+        ("length error", "wrong length", "pendulum length", "thread length", "length", "length&error"),
     ),
     Effect(
         "thread_mass",
@@ -230,7 +230,7 @@ LISTED = (
         "contact_adhesion",
         {"pull": friction.by_load("adhesion"), "power": friction.by_load("power")},
         ("slide",),
-        ("contact adhesion", "adhesion", "cohesion", "load dependent friction", "friction&load"),
+        ("contact adhesion", "adhesion", "cohesion", "load dependent friction", "friction&load", "contact&adhesion"),
         setup={"loads": True},
     ),
     Effect(

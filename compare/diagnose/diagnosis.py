@@ -190,7 +190,7 @@ def diagnose(
         if not math.isfinite(base.deviance):
             raise ArithmeticError("the misfit of the baseline is not finite")
         naming = name_effects(bench, candidates, base, progress)
-        naming = replace(naming, unseen=tuple(one for one in library() if lab.rig in one.rigs and not acts(one, lab)))
+        naming = replace(naming, unseen=_unable_to_act(lab))
         verdict, sizes = _judge(bench, lab, naming, progress), None
         if verdict.verdict == "unlisted":
             verdict, sizes = _with_formula(verdict, progress)
@@ -266,18 +266,28 @@ def acts(effect: Effect, lab: TrackedLab) -> bool:
         return False
     if effect.geometry in ("surface_slope", "surface_direction") and not both_ways(lab):
         return False
-    if any(parameter.name == SIZE_EXPONENT for parameter in effect.parameters) and effect.free and not _sizes(lab):
+    # a form whose further coefficient is that of the size
+    if effect.free and [one.name for one in effect.parameters[1:]] == [SIZE_EXPONENT] and not _sizes(lab):
         return False
-    if effect.geometry == "lengths" and lab.rig in effect.rigs and len(set(lab.setting("length_m"))) < 2:
+    if effect.geometry == "lengths" and lab.rig in effect.rigs and not _differ(lab.setting("length_m")):
         return False
     strikes = lab.rig == "pendulum" and bool(lab.conditions[0].wall)
     return lab.rig in effect.rigs or (strikes and effect.restitution is not None and "drop" in effect.rigs)
 
 
+def _unable_to_act(lab: TrackedLab) -> tuple[Effect, ...]:
+    """Effects of the rig that cannot act in this lab, nor any other form of them."""
+    able = {one.group for one in library() if acts(one, lab)}
+    return tuple(one for one in library() if lab.rig in one.rigs and one.group not in able)
+
+
 def _sizes(lab: TrackedLab) -> bool:
     """Whether the lab has beads of different sizes, which a dependence on the size needs."""
-    diameters = [condition.bead.diameter for condition in lab.conditions]
-    return max(diameters) > OTHER_SIZE * min(diameters)
+    return _differ([condition.bead.diameter for condition in lab.conditions])
+
+
+def _differ(lengths: Sequence[float]) -> bool:
+    return max(lengths) > OTHER_SIZE * min(lengths)
 
 
 def bench_of(lab: TrackedLab) -> Regioned:

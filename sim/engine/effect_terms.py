@@ -85,14 +85,17 @@ def acting_among(effects: Effects, particle: Particle) -> tuple[tuple[Active, ..
     clumps = particle.shape is not None
     active = tuple(one for one in acting(effects) if not (clumps and one.effect.force is not None))
     forces = ", and forces in flight on single spheres only" if clumps else ""
-    why = f"the bulk engine simulates only effects on beads in flight and on contacts{forces}"
+    why = f"the bulk engine simulates only effects on contacts and forces by motion and height{forces}"
     return active, left_out(effects, active, why)
 
 
 def acting_on_few(effects: Effects, *, pivots: bool = False) -> tuple[tuple[Active, ...], tuple[str, ...]]:
     """Effects that act on few bodies, pivot torques only with `pivots`, and a warning about the others."""
     active = acting(effects, pivots=pivots)
-    why = "simulations of few bodies include only forces, attraction, restitution and, in a pendulum, pivot torques"
+    why = (
+        "simulations of few bodies include only forces by motion and height, attraction, restitution and, in a "
+        "pendulum, pivot torques"
+    )
     return active, left_out(effects, active, why)
 
 

@@ -270,7 +270,7 @@ class DropBench:
         effect = name.split(".", maxsplit=1)[0]
         if effect in ("plate_tilt", "release_speed", "diameter"):
             return True
-        return any(term.name == effect and (term.force or term.sideways) is not None for term in terms)
+        return any(term.name == effect and (term.force is not None or term.sideways is not None) for term in terms)
 
     def _starts(self, local: Array, values: Mapping[str, Array]) -> tuple[Array, Array, Array, Array, Array]:
         """Speeds [m/s] at the start of each flight, height of fall [m], and sine and cosine of the plate's tilt."""

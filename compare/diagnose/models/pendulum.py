@@ -24,7 +24,7 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.reduced.swing import Push, angle_at, half_swings
 
 LEAST_REACH = 0.2  # of the length, of an elastic thread whose trial compliance is too large for its bob
-SOONEST = 1e-3  # [s], after the release: creep with a power of the time begins infinitely fast
+SOONEST = 1e-3  # [s]: creep with a power of the time begins infinitely fast, and a bob at rest does not feel it
 LENGTHENING = ("stretch", "creep")  # effects that make the thread longer during a swing
 OWN_LENGTH = 0.5  # individual uncertainty of each length, as a share of the stated (common) length uncertainty
 
@@ -162,17 +162,17 @@ def _compliance(values: Mapping[str, Array], stack: Array) -> Array:
 
 def _crept(values: Mapping[str, Array], length: Array, since: Array | float) -> tuple[Array | float, Array | float]:
     """Growth [m] of threads of the `length` [m] by creep, a time `since` the release [s], and its rate [m/s]."""
-    longer: Array | float = 0.0
-    growth: Array | float = 0.0
-    since = np.maximum(since, SOONEST)
+    grown: Array | float = 0.0
+    rate: Array | float = 0.0
+    since = np.maximum(since, 0.0)
     if "thread_creep.rate" in values:
-        growth = values["thread_creep.rate"][:, None]
-        longer = growth * since
+        rate = values["thread_creep.rate"][:, None]
+        grown = rate * since
     if "thread_creep_power.strain" in values:
         power = values["thread_creep_power.time_exponent"][:, None]
         crept = values["thread_creep_power.strain"][:, None] * length * since**power
-        longer, growth = longer + crept, growth + power * crept / since
-    return longer, growth
+        grown, rate = grown + crept, rate + power * crept / np.maximum(since, SOONEST)
+    return grown, rate
 
 
 def true_lengths(stated: Array, values: Mapping[str, Array]) -> Array:

@@ -26,6 +26,8 @@ MOST_KINETIC = 3 * KINETIC
 """Largest standard deviation of that in a fit; with a larger one the baseline takes up a friction drop as scatter."""
 USUAL_KINETIC = 0.9 * MOST_KINETIC  # a fit that reaches its limit has more
 HALF_NORMAL = 0.4  # mean of the negative half of a normal distribution over its standard deviation, the other half zero
+INSTANT = 0.01  # [s], step of the slopes of friction over time; a clump waits for seconds
+LEAST_APART = 0.1  # least slope of the friction that is needed less that of the law, over the former
 TRACKED_POINT = 5e-4  # [m], standard uncertainty of the height of the tracked point above the arm, in each repetition
 
 
@@ -99,16 +101,30 @@ class SlideBench(Runs):
         start = self.start + values["plate_tilt.angle"][:, None]
         place, begin = local[..., 0], (local[..., 1] - self.start) / self.rate
         slip = start + rate * begin
-        # the rotation of the arm changes the load slightly, and driving forces act before the slip too
-        driving = np.zeros_like(place)
-        for term in terms:
-            if term.drive is not None:
-                own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
-                driving = driving + term.drive(begin, 0 * place, 0 * place, *own)
-        static = (gravity * np.sin(slip) - place * rate**2 + driving) / (gravity * np.cos(slip) - high * rate**2)
+
+        def needed(time: Array) -> Array:
+            """Friction coefficient without which the clump would slip at that time."""
+            # the rotation of the arm changes the load slightly, and driving forces act before the slip too
+            angle, driving = start + rate * time, np.zeros_like(place)
+            for term in terms:
+                if term.drive is not None:
+                    own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
+                    driving = driving + term.drive(time, 0 * place, 0 * place, *own)
+            return np.asarray(
+                (gravity * np.sin(angle) - place * rate**2 + driving) / (gravity * np.cos(angle) - high * rate**2)
+            )
+
+        def law(time: Array) -> Array:
+            return self._onset(start + rate * time, time, values, terms)
+
+        static = needed(begin)
+        # Where the law rises on the way to the slip, a clump that holds longer than it says meets more friction: the
+        # scatter is that of the slip itself, else such a law would gain by the scatter that it takes away.
+        rises = (law(begin + INSTANT) - law(begin)) / (needed(begin + INSTANT) - static)
+        beyond = (static - law(begin)) / np.maximum(1 - rises, LEAST_APART)
         kinetic = local[..., 2]
         lower = values["kinetic_friction.offset"][:, None]
-        soft = np.stack([self._onset(static, slip, begin, values, terms), kinetic - lower], axis=-1)
+        soft = np.stack([beyond, kinetic - lower], axis=-1)
         kinetic, off = kinetic[:seen], local[:seen, :, 3]
         place, static, slip, begin = place[:seen], static[:seen], slip[:seen], begin[:seen]
         rate, start = rate[:seen], start[:seen]
@@ -168,20 +184,12 @@ class SlideBench(Runs):
         """Friction of the pair of each repetition, shape (settings, R)."""
         return np.stack([values[f"static_friction.{pair}"] for pair in self.pairs], axis=-1)[:, self.pair]
 
-    def _onset(
-        self,
-        static: Array,
-        slip: Array,
-        begin: Array,
-        values: Mapping[str, Array],
-        terms: Sequence[Effect],
-    ) -> Array:
-        """Deviation of each repetition's friction from the friction law at the slip, shape (settings, R)."""
-        plain = self._plain(values)
-        onset = plain
-        normal = self.clump * self.lab.gravity * np.cos(slip)
+    def _onset(self, angle: Array, time: Array, values: Mapping[str, Array], terms: Sequence[Effect]) -> Array:
+        """Friction coefficient at rest by the law, at an angle [rad] and time [s] of the tilting, (settings, R)."""
+        onset = self._plain(values)
+        normal = self.clump * self.lab.gravity * np.cos(angle)
         for term in terms:
             if term.onset is not None:
                 own = [values[f"{term.name}.{p.name}"][:, None] for p in term.parameters]
-                onset = term.onset(onset, self.waiting + begin, normal, *own)
-        return static - onset
+                onset = term.onset(onset, self.waiting + time, normal, *own)
+        return np.asarray(onset)

@@ -194,7 +194,12 @@ def _plates(bench: Regioned) -> list[Setting]:
 
 
 def separation(bench: Regioned, setting: Setting, one: Fit, other: Fit, repetitions: int = REPETITIONS) -> float:
-    """Separation in standard deviations: misfit of `other`, fitted to data predicted by `one`."""
+    """Separation in standard deviations: misfit of `other`, fitted to data predicted by `one`.
+
+    NaN where it is not known, as for forces that depend on the place along x: flights of another fall begin elsewhere.
+    """
+    if any(term.sideways is not None for term in (*one.terms, *other.terms)):
+        return math.nan
     try:
         place, values = laid_out(bench, setting, one)
         truth = lawful(place, one, values)

@@ -15,11 +15,12 @@ from typing import Any
 from rigtwin.sim.effects.effect import Effect, Parameter
 
 REFERENCE = 0.01  # [N], about the weight of a clump of beads
+NONE = 1e-9  # of that; no load at all would have no finite friction
 
 
 def onset(mu: Any, waiting: Any, normal: Any, load_exponent: Any) -> Any:
     """mu (N / 0.01 N)^-a."""
-    return mu * (normal / REFERENCE) ** (-load_exponent)
+    return mu * (abs(normal) / REFERENCE + NONE) ** (-load_exponent)
 
 
 EFFECT = Effect(
@@ -37,5 +38,5 @@ EFFECT = Effect(
     source="Archard 1957",
     synonyms=("load dependent friction", "adhesion", "cohesion", "stickiness"),
     onset=onset,
-    splits="ballast on the clump: adhesion loses its share, friction does not",
+    splits="ballast on the clump: the friction coefficient falls with the load",
 )

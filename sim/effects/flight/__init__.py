@@ -7,6 +7,7 @@
 - buoyancy.py: buoyancy and added mass in air: a light bead falls with less than g
 - electrostatic.py: electrostatic attraction of a charged bead by its image charge in the plate
 - linear_drag.py: linear (Stokes) drag of the air
-- side_attraction_decay.py: the same by a body close to it, whose pull decays over a length
-- side_attraction_near.py: the same by a body close to it, whose pull goes with the inverse square of the distance
+- side_attraction.py: attraction by a body beside the fall, far from the bead
+- side_attraction_decay.py: attraction by a body close beside the fall, whose pull decays over a length
+- side_attraction_near.py: attraction by a body close beside the fall, with the inverse square of the distance
 """

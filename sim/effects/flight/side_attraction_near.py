@@ -1,8 +1,9 @@
 """Attraction by a body close beside the fall: an image charge pulls with the inverse square of the distance.
 
-Formula: F_x = F (R / 3 mm)^n / (1 - k x)^2
+Formula: F_x = F (R / 3 mm)^n / (1 - k x)^2, at most 25 F (R / 3 mm)^n
 
-R is the radius of the bead, x its place in the picture, k one over the place of the body.
+R is the radius of the bead, x its place from the rig's origin, and 1/k the place of the body.  With the same charge on
+all beads n is 0, with a charge that goes with the surface 4.
 
 Parameters:
 - `force` [N], -0.01 to 0.01, typically 1e-05: pull towards positive x on a bead of 6 mm at x = 0
@@ -16,7 +17,7 @@ from typing import Any
 
 from rigtwin.sim.effects.effect import Effect, Parameter
 
-LEAST = 0.04  # of the square; a bead that close to the body touches it
+LEAST = 0.04  # of the square: nearer than a fifth of the distance a bead of usual size touches the body
 
 
 def sideways(x: Any, radius: Any, mass: Any, force: Any, nearness: Any, size_exponent: Any) -> Any:
@@ -33,7 +34,7 @@ EFFECT = Effect(
     rigs=("drop",),
     parameters=(
         Parameter("force", "N", -0.01, 0.01, 1e-5, meaning="pull towards positive x on a bead of 6 mm at x = 0"),
-        Parameter("nearness", "1/m", -40.0, 40.0, 10.0, assumed=(0.0, 20.0), starts=(-15.0, 15.0), meaning="k"),
+        Parameter("nearness", "1/m", -40.0, 40.0, 10.0, assumed=(0.0, 20.0), starts=(-15.0, 0.0, 15.0), meaning="k"),
         Parameter("size_exponent", "1", -1.0, 6.0, 0.5, assumed=(2.0, 1.0), meaning="n"),
     ),
     equation="F_x = F (R / 3 mm)^n / (1 - k x)^2",
@@ -41,5 +42,6 @@ EFFECT = Effect(
     synonyms=("sideways attraction", "lateral attraction", "charged wall", "charged sheet", "sideways force"),
     sideways=sideways,
     flat=True,
+    free=True,
     splits="turn the camera and the holder by 180 degrees, or take the body beside the fall away",
 )

@@ -8,7 +8,7 @@ Parameters:
 - `strain` [dimensionless], -0.05 to 0.05, typically 0.001: k, after 1 s
 - `time_exponent` [dimensionless], 0.1 to 1, typically 0.4: p, 1/3 of primary creep, 1 of steady creep
 
-Source: Andrade 1910; angular momentum of a bob on a thread of changing length
+Source: Andrade 1910 (1/3, metal wires); Findley, Lai & Onaran 1976 (other powers, plastics)
 """
 
 from rigtwin.sim.effects.effect import Effect, Parameter
@@ -26,7 +26,7 @@ EFFECT = Effect(
         ),
     ),
     equation="r = L (1 + k (t / 1 s)^p)",
-    source="Andrade 1910",
+    source="Andrade 1910; Findley, Lai & Onaran 1976",
     synonyms=("thread creep", "thread stretch", "string creep", "slipping thread", "thread slips through its clamp"),
     geometry="creep",
     free=True,

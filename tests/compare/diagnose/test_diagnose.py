@@ -580,6 +580,14 @@ def test_a_law_of_another_code_is_met_by_a_form_of_the_effect(rig, effect, law, 
     assert gains[general] > 1.1 * gains[effect] > 0
 
 
+def test_ageing_gains_nothing_by_the_scatter_that_a_clump_meets_on_its_way_to_the_slip(tmp_path):
+    """A clump that happens to hold longer has aged longer: not the ageing holds it, with one waiting time for all."""
+    write(Case("null", "slide", (), (), "null"), "lab", (251, 27), tmp_path)
+    bench = bench_of(read_tracked_lab(tmp_path / "labs" / "lab"))
+    base = fit(bench)
+    assert base.deviance - fit(bench, (named("ageing"),), near=base).deviance < 4  # two standard deviations
+
+
 @pytest.mark.slow
 def test_what_the_law_of_a_strong_effect_leaves_is_no_second_effect(tmp_path):
     """A bearing's damping is not quite linear; dry friction beside it would close a part of what is left."""

@@ -12,7 +12,7 @@ from rigtwin.compare.diagnose.data import tracked_lab as labs
 from rigtwin.compare.diagnose.diagnosis import _closed
 from rigtwin.compare.diagnose.fitting.fit import fit
 from rigtwin.compare.diagnose.models.double_pendulum import MOST_IMPACTS, DoubleBench, _Contacts
-from rigtwin.compare.diagnose.models.pendulum import pushing
+from rigtwin.compare.diagnose.models.pendulum import pushing, true_lengths
 from rigtwin.compare.diagnose.models.rows import coefficients
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.compare.diagnose.selection.complexity_penalty import SECOND, feigned
@@ -58,6 +58,18 @@ def test_a_pull_that_grows_sideways_moves_a_bead_as_its_equation_says(effect, gr
     assert path.duration.item() == pytest.approx(duration, rel=1e-6)
     assert path.land_x.item() == pytest.approx(exact.y[0, -1] - start, rel=1e-3)
     assert exact.y[0, -1] - start > 1.3 * pull / mass * duration**2 / 2  # much further than with a constant pull
+
+
+def test_friction_of_a_single_elastic_contact_falls_with_the_cube_root_of_the_load():
+    law = named("contact_adhesion_load").onset
+    assert law(0.3, 10.0, 0.08, 1 / 3) == pytest.approx(0.3 / 2, rel=1e-6)  # eight times the 0.01 N of `mu`
+    assert law(0.3, 10.0, 0.01, 1 / 3) == pytest.approx(0.3, rel=1e-6)
+
+
+def test_a_wrong_ruler_changes_long_lengths_more_than_short_ones():
+    stated = np.array([0.25, 0.4])
+    values = {"length_error.offset": np.array([1e-3]), "length_error_ratio.relative": np.array([0.02])}
+    assert true_lengths(stated, values) == pytest.approx(np.array([[0.256, 0.409]]))
 
 
 def test_a_long_fall_ends_at_the_terminal_speed_of_its_drag():

@@ -320,6 +320,11 @@ def drawn(*, roll_deg=0.0, gauge=True, height=62.0, seed=2, block=0.0, beside=()
     return np.clip(noisy, 0, 255).astype(np.uint8), float(np.nanmean(profile.height[inside]))
 
 
+WITHOUT_GAUGE = (
+    2.5e-3  # [m], of 61 mm: walls drawn as lines of 2 px are read 1 % too far apart, the floor by the grains
+)
+
+
 @pytest.mark.parametrize(("gauge", "roll"), [(True, 0.0), (True, 1.5), (False, 0.0)])
 def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll):
     photo = tmp_path / "bed.png"
@@ -336,7 +341,7 @@ def test_a_drawn_bed_is_read_off_the_gauge_or_the_cylinder(tmp_path, gauge, roll
     assert result.camera["scale_m_per_px"] == pytest.approx(1e-3 / PIXEL, rel=0.004 if gauge else 0.03)
     assert result.camera["camera_roll_deg"] == pytest.approx(roll, abs=0.2)
     found = pick(result, "bed_height", "outline")
-    assert found.value == pytest.approx(truth, abs=0.0012 if gauge else 2 * found.std_uncertainty)
+    assert found.value == pytest.approx(truth, abs=0.0012 if gauge else WITHOUT_GAUGE)
     for path in result.files.values():
         assert path.stat().st_size > 0
 
@@ -363,7 +368,7 @@ def test_what_looks_round_beside_the_cylinder_moves_no_wall_that_else_is_seen(tm
     found = pick(result, "bed_height", "outline")
     assert walls.passed
     assert not found.doubtful
-    assert found.value == pytest.approx(truth, abs=0.0012 if gauge else 2 * found.std_uncertainty)
+    assert found.value == pytest.approx(truth, abs=0.0012 if gauge else WITHOUT_GAUGE)
 
 
 @pytest.mark.parametrize("block", [0.0, 8.0])
