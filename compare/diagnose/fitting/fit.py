@@ -24,6 +24,7 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
 WIDEST = 1.0  # largest scatter of a restitution, friction or relative scale [1], of a height [m] or a speed [m/s]
+FAR_OFF = 4.0  # mean square of the residuals of a repetition over the median of all, above which it is fitted anew
 LAST = 6  # largest number of steps after the last update of the scatter
 
 
@@ -136,8 +137,15 @@ def fit(
             early = linearise(bench, terms, unknowns, state, mask & horizon)
             descend(bench, terms, unknowns, state, mask & horizon, free, early, most)
     linear = linearise(bench, terms, unknowns, state, mask)
-    for _ in range(rounds):
+    for number in range(rounds):
         linear, converged = descend(bench, terms, unknowns, state, mask, free, linear, most)
+        if number == 0 and (stuck := _stuck(bench, state, linear)).any():
+            guess = bench.first_guess({u.name: float(v) for u, v in zip(unknowns, state.values, strict=True)})
+            other = replace(state, local=np.where(stuck[:, None], guess, state.local))
+            anew = linearise(bench, terms, unknowns, other, mask)
+            anew, done = descend(bench, terms, unknowns, other, mask, free, anew, most)
+            if anew.objective < linear.objective:
+                state, linear, converged = other, anew, done
         before = state.scatter.copy(), state.jitter
         expect_scatter(bench, unknowns, state, free, linear, most_scatter)
         if jittered:
@@ -151,6 +159,15 @@ def fit(
         linear, converged = descend(bench, terms, unknowns, state, mask, free, linear, LAST)
     linear = _above_zero(bench, terms, unknowns, state, mask, linear)
     return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
+
+
+def _stuck(bench: Bench, state: State, linear: Linear) -> Array:
+    """Mask (R,) of repetitions at a limit of their own unknowns that fit far worse than most.
+
+    A rebound whose speed has come down to its limit has no flight any more from which to learn a higher one.
+    """
+    off = np.array([float(np.mean(linear.residual[span] ** 2)) for span in bench.spans])
+    return np.asarray((state.local <= bench.local_low).any(axis=1) & (off > FAR_OFF * np.median(off)))
 
 
 def _above_zero(

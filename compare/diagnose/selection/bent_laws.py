@@ -114,7 +114,7 @@ def _heavier(_hook: str, *motion: Any) -> Any:
 
 
 def _apart(_hook: str, *motion: Any) -> Any:
-    return motion[0] / SIZE  # the distance
+    return motion[0] / SIZE  # the distance, or the place
 
 
 def _sideways(hook: str, *motion: Any) -> Any:
@@ -132,11 +132,12 @@ def _sized(power: Power) -> Power:
     return sized
 
 
-SIZED = {"force": 3, "rolling": 2}  # index of the radius among the arguments of a hook
+SIZED = {"force": 3, "sideways": 1, "rolling": 2}  # index of the radius among the arguments of a hook
 _POWERS: dict[str, tuple[Power, ...]] = {
     "force": (_slower, _faster),
     "torque": (_slower, _faster),
     "mutual": (_apart,),
+    "sideways": (_apart,),
     "rolling": (_slower, _faster),
     "sliding": (_slower, _faster),
     "onset": (_heavier,),
@@ -147,6 +148,7 @@ _PLAIN: dict[str, Callable[..., Any]] = {
     "force": lambda vx, vy, *_: (0.0 * vx, 0.0 * vy),
     "torque": lambda angle, *_: 0.0 * angle,
     "mutual": lambda distance, *_: 0.0 * distance,
+    "sideways": lambda x, *_: 0.0 * x,
     "rolling": lambda mu, *_: mu,
     "sliding": lambda mu, *_: mu,
     "onset": lambda mu, *_: mu,

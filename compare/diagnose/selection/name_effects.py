@@ -248,16 +248,16 @@ class _Search:
         return best_of(rests) or best
 
     def _to_the_end(self, one: Candidate) -> Candidate:
-        if one.rough is not None and self.base.per_row > LOST:
-            fitted = fit(self.bench, one.terms, near=self._carried(one.rough), most=25, rounds=2)
-            if fitted.per_row > LOST:
+        if one.rough is None:
+            fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
+        else:
+            near = replace(one.rough, local=self.base.local, scatter=self.base.scatter)
+            if self.base.per_row > LOST:
+                near = self._carried(one.rough)
+            fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
+            if fitted.per_row > min(LOST, self.base.per_row):  # a poor minimum: releases and impacts are guessed anew
                 anew = fit(self.bench, one.terms, start=_values(one.fitted), most=25, rounds=2)
                 fitted = min(fitted, anew, key=lambda each: each.deviance)
-        elif one.rough is not None:
-            near = replace(one.rough, local=self.base.local, scatter=self.base.scatter)
-            fitted = fit(self.bench, one.terms, near=near, most=25, rounds=2)
-        else:
-            fitted = fit(self.bench, one.terms, near=one.fitted, most=40)
         for _ in range(FURTHER):
             if fitted.converged or fitted.per_row > LOST:
                 break

@@ -5,7 +5,7 @@ Formula: v_y(0) = v_rel
 v_rel is `speed`.
 
 Parameters:
-- `speed` [m/s], -0.5 to 0.5, typically 0.05: upwards
+- `speed` [m/s], -1 to 1, typically 0.05: upwards
 
 Source: release mechanics of the holder
 """
@@ -17,7 +17,7 @@ EFFECT = Effect(
     title="release speed",
     kind="physical",
     rigs=("drop",),
-    parameters=(Parameter("speed", "m/s", -0.5, 0.5, 0.05, starts=(-0.2, -0.05, 0.05), meaning="upwards"),),
+    parameters=(Parameter("speed", "m/s", -1.0, 1.0, 0.05, starts=(-0.2, -0.05, 0.05), meaning="upwards"),),
     equation="v_y(0) = v_rel",
     source="release mechanics of the holder",
     synonyms=("release velocity", "initial velocity", "push at release", "late release"),

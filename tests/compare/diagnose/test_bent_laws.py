@@ -15,7 +15,7 @@ FITTED = SimpleNamespace(value=lambda name: 0.4)
 MOTION = {
     "force": (0.5, -2.0, 0.1, 3e-3, 1e-4), "torque": (0.3, 2.0, 0.25, 1e-3), "restitution": (0.6, 1.3, 3e-3, 1e-4),
     "rolling": (0.02, 0.5, 3e-3), "sliding": (0.4, 0.5, 10.0), "onset": (0.4, 10.0, 0.02), "view": (0.1, 0.2),
-    "exposure": (1.0, 0.1, 0.2), "mutual": (0.01, 3e-3, 1e-4),
+    "exposure": (1.0, 0.1, 0.2), "mutual": (0.01, 3e-3, 1e-4), "sideways": (0.01, 3e-3, 1e-4),
 }  # fmt: skip
 
 
