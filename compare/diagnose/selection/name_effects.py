@@ -508,7 +508,9 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
     if newest.geometry in WIDENING:
         return fitted(near=near)
     fits = [] if newest.flat else [fitted(near=near)]
-    if lost or newest.flat:
+    # a further dependence may grow to either side
+    either = newest.free and any(one.starts for one in newest.parameters[1:])
+    if lost or newest.flat or either:
         for begin in _starts(newest, lost=lost):
             with suppress(np.linalg.LinAlgError):  # a start far from any solution must not lose the others
                 fits.append(_strength_first(fitted, newest, _begun(near, begin)))

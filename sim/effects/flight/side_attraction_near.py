@@ -34,14 +34,13 @@ EFFECT = Effect(
     rigs=("drop",),
     parameters=(
         Parameter("force", "N", -0.01, 0.01, 1e-5, meaning="pull towards positive x on a bead of 6 mm at x = 0"),
-        Parameter("nearness", "1/m", -40.0, 40.0, 10.0, assumed=(0.0, 20.0), starts=(-15.0, 0.0, 15.0), meaning="k"),
+        Parameter("nearness", "1/m", -40.0, 40.0, 10.0, assumed=(0.0, 20.0), starts=(-15.0, 15.0), meaning="k"),
         Parameter("size_exponent", "1", -1.0, 6.0, 0.5, assumed=(2.0, 1.0), meaning="n"),
     ),
     equation="F_x = F (R / 3 mm)^n / (1 - k x)^2",
     source="Jackson 1999, section 2.1",
     synonyms=("sideways attraction", "lateral attraction", "charged wall", "charged sheet", "sideways force"),
     sideways=sideways,
-    flat=True,
     free=True,
     splits="turn the camera and the holder by 180 degrees, or take the body beside the fall away",
 )
