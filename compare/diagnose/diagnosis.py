@@ -287,6 +287,7 @@ def _sizes(lab: TrackedLab) -> bool:
 
 
 def _differ(lengths: Sequence[float]) -> bool:
+    """Whether there are lengths [m] that differ by more than errors of measurement."""
     return max(lengths) > OTHER_SIZE * min(lengths)
 
 

@@ -10,7 +10,8 @@ from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.lab.input_files import why_not_ordinary
 
 SMALLEST_REGION = 8  # [px], sides of what is searched; filters over a picture of fewer find no grain in it
-MOSTLY = 0.5  # share of a base line that must be in the picture; a photo may cut off the ends of a base
+# share of a base line that must be in the picture: a photo may cut off its ends, a mistyped end lies far outside
+MOSTLY = 0.5
 SMALLEST = 5  # [px], minimum width and height
 
 

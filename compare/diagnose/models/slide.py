@@ -27,7 +27,9 @@ MOST_KINETIC = 3 * KINETIC
 USUAL_KINETIC = 0.9 * MOST_KINETIC  # a fit that reaches its limit has more
 HALF_NORMAL = 0.4  # mean of the negative half of a normal distribution over its standard deviation, the other half zero
 INSTANT = 0.01  # [s], step of the slopes of friction over time; a clump waits for seconds
-LEAST_APART = 0.1  # least slope of the friction that is needed less that of the law, over the former
+# least slope over time of the friction that is needed, less that of the law, over the former: 0.8 with a strong ageing,
+# 0 where the clump would never slip
+LEAST_APART = 0.1
 TRACKED_POINT = 5e-4  # [m], standard uncertainty of the height of the tracked point above the arm, in each repetition
 
 

@@ -15,12 +15,12 @@ from typing import Any
 from rigtwin.sim.effects.effect import Effect, Parameter
 
 REFERENCE = 0.01  # [N], about the weight of a clump of beads
-NONE = 1e-9  # of that; no load at all would have no finite friction
+LEAST = 1e-9  # of that, added: without any load the friction coefficient would be infinite
 
 
 def onset(mu: Any, waiting: Any, normal: Any, load_exponent: Any) -> Any:
     """mu (N / 0.01 N)^-a."""
-    return mu * (abs(normal) / REFERENCE + NONE) ** (-load_exponent)
+    return mu * (abs(normal) / REFERENCE + LEAST) ** (-load_exponent)
 
 
 EFFECT = Effect(
