@@ -24,7 +24,9 @@ from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
 WIDEST = 1.0  # largest scatter of a restitution, friction or relative scale [1], of a height [m] or a speed [m/s]
-FAR_OFF = 4.0  # mean square of the residuals of a repetition over the median of all, above which it is fitted anew
+# mean square of the residuals of a repetition over the median of all, above which it is fitted anew: in a lab drawn by
+# another code two repetitions had 15 and 27, the others at most 1.1
+FAR_OFF = 4.0
 LAST = 6  # largest number of steps after the last update of the scatter
 
 
@@ -116,12 +118,11 @@ def fit(
     """
     unknowns = tuple(bench.unknowns(terms))
     fixed = dict(held or {})
-    known = {} if near is None else {u.name: float(v) for u, v in zip(near.unknowns, near.values, strict=True)}
+    known = {} if near is None else by_name(near.unknowns, near.values)
     known |= {**(start or {}), **(beside or {}), **fixed}
     values = np.array([known.get(u.name, u.start) for u in unknowns])
     if local is None:
-        named = {u.name: float(v) for u, v in zip(unknowns, values, strict=True)}
-        local = near.local if near is not None and not start else bench.first_guess(named)
+        local = near.local if near is not None and not start else bench.first_guess(by_name(unknowns, values))
     scatter = near.scatter if near is not None else bench.scatter_start
     jittered = any(term.geometry == "jitter" for term in terms)
     state = State(local.copy(), values, scatter.copy(), near.jitter if near is not None and jittered else 0.0)
@@ -140,7 +141,7 @@ def fit(
     for number in range(rounds):
         linear, converged = descend(bench, terms, unknowns, state, mask, free, linear, most)
         if number == 0 and (stuck := _stuck(bench, state, linear)).any():
-            guess = bench.first_guess({u.name: float(v) for u, v in zip(unknowns, state.values, strict=True)})
+            guess = bench.first_guess(by_name(unknowns, state.values))
             other = replace(state, local=np.where(stuck[:, None], guess, state.local))
             anew = linearise(bench, terms, unknowns, other, mask)
             anew, done = descend(bench, terms, unknowns, other, mask, free, anew, most)
@@ -159,6 +160,11 @@ def fit(
         linear, converged = descend(bench, terms, unknowns, state, mask, free, linear, LAST)
     linear = _above_zero(bench, terms, unknowns, state, mask, linear)
     return _finished(bench, terms, unknowns, state, mask, free, linear, converged)
+
+
+def by_name(unknowns: Sequence[Unknown], values: Array) -> dict[str, float]:
+    """Values of the unknowns by their names."""
+    return {unknown.name: float(value) for unknown, value in zip(unknowns, values, strict=True)}
 
 
 def _stuck(bench: Bench, state: State, linear: Linear) -> Array:
@@ -218,7 +224,7 @@ class _Joint:
     def __init__(self, bench: Bench, near: Fit, candidates: Sequence[Effect]) -> None:
         self.bench, self.near, self.candidates = bench, near, tuple(candidates)
         every = tuple(bench.unknowns((*near.terms, *candidates)))
-        known = {unknown.name: float(value) for unknown, value in zip(near.unknowns, near.values, strict=True)}
+        known = by_name(near.unknowns, near.values)
         self.values = np.array([known.get(u.name, u.start) for u in every])
         state = State(near.local.copy(), self.values, near.scatter.copy(), near.jitter)
         linear = linearise(bench, (*near.terms, *candidates), every, state, np.ones(len(bench.rows), dtype=bool))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
-from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen
+from rigtwin.compare.diagnose.fitting.fit import Fit, by_name, fit, screen
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.subset import coarse, cut, subset
 from rigtwin.compare.diagnose.selection.candidate import Candidate
@@ -317,7 +317,7 @@ def _shaped(bench: Regioned, naming: Naming, near: Fit, cost: float = 0.0) -> li
     spread = spread_of(naming.base, naming.location)
     for shape, fitted in _worth_all(rough, plain, len(near.residual) / len(plain.residual), spread):
         terms = fitted.terms
-        known = {u.name: float(v) for u, v in zip(fitted.unknowns, fitted.values, strict=True)}
+        known = by_name(fitted.unknowns, fitted.values)
         whole = _attempt(bench, terms, near=near, beside=known, most=8, rounds=1)
         if whole is not None and whole.deviance > near.deviance:  # poor minimum: guess releases and impacts anew
             whole = _attempt(bench, terms, near=near, start=known, most=20, rounds=1)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fitting.fit import Fit, fit, screen, screen_pairs
+from rigtwin.compare.diagnose.fitting.fit import Fit, by_name, fit, screen, screen_pairs
 from rigtwin.compare.diagnose.fitting.normal_equations import Regioned
 from rigtwin.compare.diagnose.fitting.strained import STRAINED
 from rigtwin.compare.diagnose.fitting.subset import coarse, cut
@@ -271,8 +271,7 @@ class _Search:
         Its own guess may be far off where the baseline does not describe the motion; its moment of release, the first
         local unknown (of a slide its place), is kept.
         """
-        values = {u.name: float(v) for u, v in zip(rough.unknowns, rough.values, strict=True)}
-        local = self.bench.first_guess(values)
+        local = self.bench.first_guess(by_name(rough.unknowns, rough.values))
         condition = self.bench.condition
         for run in range(len(local)):
             alike = [k for k, known in enumerate(self.chosen) if condition[known] == condition[run]]
