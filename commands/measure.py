@@ -315,11 +315,17 @@ def measure_hopper(
     ] = None,
 ) -> Work:
     """A hopper empties: discharge time and flow rate."""
+    from rigtwin.lab.tracked.table import is_table
     from rigtwin.measure.hopper import measurement as hopper
 
     of_check = {"--depth": depth, "--bead-density": bead_density, "--total-mass": total_mass}
     missing = [option for option, value in of_check.items() if value is None]
     stated = [option for option, value in of_check.items() if value is not None and option != "--total-mass"]
+    if stated and is_table(clip):
+        raise BadInput(
+            f"measure hopper: {' and '.join(stated)} serve{'s' if len(stated) == 1 else ''} to check the mass against "
+            f"the bed in a film, and {clip} is a table; leave {'it' if len(stated) == 1 else 'them'} out."
+        )
     if stated and missing:
         raise BadInput(
             f"measure hopper: {' and '.join(stated)} serve{'s' if len(stated) == 1 else ''} to check the stated mass; "

@@ -5,11 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rigtwin.lab.errors import BadInput, WorkerEnded
@@ -123,12 +125,23 @@ def spawned(
             process.terminate()
         if not isinstance(error, BrokenProcessPool):
             raise
+        script = (
+            'or, if an error of your script stands above, put its calls under `if __name__ == "__main__":`, because '
+            "each process reads the script too"
+        )
         raise WorkerEnded(
             f"a process that {work} ended without a result, most likely because memory ran out; "
-            f"close other programs and run again, or {less}."
+            f"close other programs and run again, or {less}{f'; {script}' if _in_a_script() else ''}."
         ) from None
     finally:
         pool.close()
+
+
+def _in_a_script() -> bool:
+    """Whether Python runs a file of the user, which every process that is spawned runs as far as its main part."""
+    main = sys.modules["__main__"]
+    path = getattr(main, "__file__", None)
+    return path is not None and main.__spec__ is None and Path(path).stem != "rigtwin"
 
 
 @contextmanager

@@ -397,6 +397,10 @@ DRUM = ["simulate", "drum", "--drum-diameter", "40mm", "--speed", "10rpm"]
             ["measure", "hopper", "x.mp4", "--depth", "40mm"],
             "--depth serves to check the stated mass; give --bead-density and --total-mass too",
         ),
+        (
+            ["measure", "hopper", "x.csv", "--depth", "40mm", "--total-mass", "50g"],
+            "--depth serves to check the mass against the bed in a film, and x.csv is a table; leave it out",
+        ),
         (["simulate", "drop", "--drop-height", "300mm", "--wall", "wood_ash"], "D6-wood_ash"),
         (["measure", "drop", "x.mp4", "--bead-mass", "0.1g"], "--bead-diameter"),
         (["measure", "drop", "x.mp4", "--bead-mass", "6mm"], "wrong unit for a mass; write it like"),

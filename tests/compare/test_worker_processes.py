@@ -63,6 +63,17 @@ def test_a_number_of_workers_that_is_none_is_refused_before_any_work(workers, tm
         pass
 
 
+def test_a_script_without_a_main_part_is_named_as_a_cause(tmp_path):
+    (tmp_path / "asking.py").write_text(ASKS.replace('if __name__ == "__main__":', "if True:"))
+    (tmp_path / "working.py").write_text(WORKS)
+    asked = subprocess.run(
+        [sys.executable, "asking.py", "written"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert asked.returncode == 1
+    assert 'put its calls under `if __name__ == "__main__":`' in asked.stderr.splitlines()[-1]
+    assert not (tmp_path / "written").exists()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL])
 def test_no_worker_outlives_the_process_that_is_killed(end, tmp_path):
