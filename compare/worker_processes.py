@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from rigtwin.lab.errors import BadInput, WorkerEnded
@@ -125,23 +124,24 @@ def spawned(
             process.terminate()
         if not isinstance(error, BrokenProcessPool):
             raise
-        script = (
-            'or, if an error of your script stands above, put its calls under `if __name__ == "__main__":`, because '
-            "each process reads the script too"
-        )
         raise WorkerEnded(
             f"a process that {work} ended without a result, most likely because memory ran out; "
-            f"close other programs and run again, or {less}{f'; {script}' if _in_a_script() else ''}."
+            f"close other programs and run again, or {less}."
         ) from None
     finally:
         pool.close()
 
 
-def _in_a_script() -> bool:
-    """Whether Python runs a file of the user, which every process that is spawned runs as far as its main part."""
-    main = sys.modules["__main__"]
-    path = getattr(main, "__file__", None)
-    return path is not None and main.__spec__ is None and Path(path).stem != "rigtwin"
+@contextmanager
+def _without_the_script() -> Iterator[None]:
+    """Start processes that do not read the script of this one, which would run it again; their jobs are rigtwin's."""
+    main = vars(sys.modules["__main__"])
+    script = main.pop("__file__", None)
+    try:
+        yield
+    finally:
+        if script is not None:
+            main["__file__"] = script
 
 
 @contextmanager
@@ -150,7 +150,7 @@ def _interrupts_held() -> Iterator[None]:
 
     They use one thread for linear algebra, as the pool already uses every core.
     """
-    with _one_thread_each(), _interrupt_afterwards():
+    with _one_thread_each(), _without_the_script(), _interrupt_afterwards():
         if not hasattr(signal, "pthread_sigmask"):  # Windows
             yield
             return

@@ -1,11 +1,12 @@
 """Leave out unusable data before the fit, each with one sentence for the report.
 
-Left out are rows without a position, single outliers, rows after a jump of the path (lost frames), and repetitions
-without motion.
+Left out are rows without a position, single outliers, rows after a jump of the path (lost frames), rows before the
+release of a bead that moves in the hand, and repetitions without motion.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +23,7 @@ SIDE = 5  # rows on either side of a row, in which a parabola is fitted
 FAR = 12.0  # typical extrapolation errors above which a row is an outlier
 MOST = 0.02  # largest share of outliers; more of them are treated as noise and kept
 STAYS = 8.0  # displacement in units of the noise below which a bead has not moved
+FALLEN = 0.1  # share of a fall after which its beginning is computed as that of a free fall
 LISTED = 3  # largest number of tracks with missing positions that are listed by name
 CLEAR = 1.5  # height above the plate, in bead diameters, at which no impact is near
 
@@ -39,7 +41,8 @@ def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
             if _stayed(lab.rig, condition, repetition[0], noise):
                 said.append(f"{where}: left out, nothing moved")
                 continue
-            kept.append(_cleaned(lab.rig, condition, repetition, noise, where, said))
+            cleaned = _cleaned(lab.rig, condition, repetition, noise, where, said)
+            kept.append(_let_go(cleaned, condition, lab.gravity, noise, where, said) if lab.rig == "drop" else cleaned)
             files.extend(condition.files[number : number + 1])
         if kept:
             conditions.append(replace(condition, repetitions=tuple(kept), files=tuple(files)))
@@ -96,6 +99,37 @@ def _cleaned(
             said.append(f"{where}: left out after t = {smooth.time[end - 1]:.4f} s, where the path jumps")
         tracks.append(_part(smooth, slice(end)))
     return tuple(tracks)
+
+
+def _let_go(
+    repetition: tuple[Track, ...], condition: Condition, gravity: float, noise: float, where: str, said: list[str]
+) -> tuple[Track, ...]:
+    """The repetition from its release on, if the bead does not rest until then."""
+    (track,) = repetition
+    held = _held(track, condition.bead.radius, gravity)
+    # the last row may belong to the fall already, as the moment of release is known to a frame or so
+    way = float(np.ptp(track.position[: held - 1], axis=0).max()) if held > SIDE else 0.0
+    if way <= STAYS * noise:
+        return repetition
+    said.append(
+        f"{where}: left out before the release at t = {track.time[held]:.4f} s, as the bead moves by {1e3 * way:.1f} "
+        "mm while it is held"
+    )
+    return (_part(track, slice(held, None)),)
+
+
+def _held(track: Track, radius: float, gravity: float) -> int:
+    """Number of rows before the release of a drop."""
+    height, release = track.position[:, 1], 0
+    for _ in range(2):  # the hand may lift the bead first
+        top = float(np.median(height[max(release - SIDE, 0) : max(release, SIDE)]))
+        fall = top - radius
+        low = np.flatnonzero(height < top - FALLEN * fall)
+        if fall <= 0 or not len(low):
+            return 0
+        moment = track.time[low[0]] - math.sqrt(2 * FALLEN * fall / gravity)
+        release = int(np.searchsorted(track.time, moment))
+    return release
 
 
 def _break(track: Track, condition: Condition, noise: float) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.diagnose.fitting.levenberg_marquardt import newton_step
+from rigtwin.compare.diagnose.fitting.levenberg_marquardt import HOPELESS, newton_step
 from rigtwin.compare.diagnose.fitting.normal_equations import Bench, Linear, State, spread_of_each, with_scatter
 from rigtwin.compare.diagnose.models.unknown import Unknown
 from rigtwin.lab.arrays import Array
@@ -24,12 +24,16 @@ def expect_scatter(
     """Update the scatter in `state`: squared deviations over the number that the data determine (MacKay 1992).
 
     The fixed point is that of expectation-maximisation, which needs dozens of steps to reach a small scatter.  It is
-    iterated in the linearised model, whose unknowns follow the scatter.
+    iterated in the linearised model, whose unknowns follow the scatter; where the model does not fit at all, the
+    linearised one leads far off, and the deviations of the fit itself are taken.
     """
     if not len(state.scatter):
         return
     size = state.local.shape[1]
     own = linear.by_soft[:, :size]
+    if linear.chi2 > HOPELESS * bench.rows.size:
+        _update(bench, state, linear.soft, np.einsum("ris,rij,rjs->rs", own, np.linalg.inv(linear.a), own), most)
+        return
     for _ in range(MOST_UPDATES):
         before = state.scatter.copy()
         spread = spread_of_each(bench, state.scatter)

@@ -1022,3 +1022,36 @@ def test_no_region_that_disagrees_by_itself_is_not_said_to_be_no_disagreement():
     words = in_words(Location((), 12, statistic=3.0, p=0.001, spread=1.0))
     assert words.startswith("in no single region: none of 12")
     assert "nowhere" not in words
+
+
+def test_a_bead_that_moves_in_the_hand_counts_from_its_release_and_one_that_rests_is_kept(tmp_path):
+    folder = write_drops(tmp_path, 61, beads=("light",), heights=(0.6,), repetitions=5, drag=0.6)
+    drag = named("air_drag")
+    at_rest = fit(bench_of(sifted(read_tracked_lab(folder))[0]), (drag,))
+
+    def carried(rows):
+        """The hand comes from the side and from above, and stops."""
+        before = np.arange(-72, 0) / 240
+        sway = 0.5 * (1 - np.cos(np.pi * before / before[0]))
+        hand = rows[0, 1:] + np.outer(sway, [0.012, 0.03])
+        return np.vstack([np.column_stack([before + 0.3, hand]), rows + np.array([0.3, 0.0, 0.0])])
+
+    for file in sorted(folder.rglob("rep*.csv"))[:3]:
+        change_rows(file, carried)
+    lab, said = sifted(read_tracked_lab(folder))
+    assert len(said) == 3
+    assert all("left out before the release at t = 0.3" in one and "while it is held" in one for one in said)
+    in_hand = fit(bench_of(lab), (drag,))
+    assert in_hand.value("air_drag.drag_coefficient") == pytest.approx(
+        at_rest.value("air_drag.drag_coefficient"), abs=2 * at_rest.std("air_drag.drag_coefficient")
+    )
+    assert in_hand.per_row < 1.05 * at_rest.per_row
+
+
+def test_a_baseline_that_does_not_fit_at_all_states_the_scatter_that_its_repetitions_have(tmp_path):
+    bench = bench_of(read_tracked_lab(write_drops(tmp_path, 61, ("light",), (0.6,), repetitions=6, drag=3.0)))
+    base = fit(bench, rounds=12)
+    assert base.per_row > 1000
+    for number, scatter in enumerate(base.scatter):
+        own = np.sqrt(np.mean(base.soft[bench.scatter == number] ** 2))
+        assert scatter < 3 * own, bench.scattered[number].name
