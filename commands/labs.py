@@ -110,7 +110,10 @@ def diagnose(
         typer.Option("--store", metavar="FOLDER", help="Where twins of many particles are kept; OUT/runs by default."),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Twins of many particles at a time; one per core.")
+        int | None,
+        typer.Option(
+            "--workers", min=1, help="Films measured, or twins of many particles run, at a time; one per core."
+        ),
     ] = None,
     cluster: Cluster = None,
     seed: Seed = 1,

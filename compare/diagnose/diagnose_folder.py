@@ -84,17 +84,17 @@ def diagnose_folder(
     notebook = folder.suffix == ".toml" or ((folder / "lab.toml").is_file() and not (folder / "lab.json").is_file())
     if only and not notebook:
         raise BadInput(f"{folder}: --only names experiments of a lab.toml; a lab.json is diagnosed whole.")
-    if (bulk := _bulk_lab(folder, notebook, only, allow_outside, out, workers, progress)) is not None:
-        if own:
-            raise BadInput(f"{own[0]}: an effect of your own is tried in labs of single bodies only; leave it out.")
-        return _diagnose_bulk(bulk, out, store or out / "runs", seed, workers, cluster, progress)
-    effects = [own_effect(path) for path in own]
-    lab = (
-        tracked_lab(folder, only, progress, allow_outside=allow_outside)
-        if notebook
-        else read_tracked_lab(folder, allow_outside=allow_outside)
-    )
     with result_files.claimed(out):
+        if (bulk := _bulk_lab(folder, notebook, only, allow_outside, out, workers, progress)) is not None:
+            if own:
+                raise BadInput(f"{own[0]}: an effect of your own is tried in labs of single bodies only; leave it out.")
+            return _diagnose_bulk(bulk, out, store or out / "runs", seed, workers, cluster, progress)
+        effects = [own_effect(path) for path in own]
+        lab = (
+            tracked_lab(folder, only, out, progress, allow_outside=allow_outside, workers=workers)
+            if notebook
+            else read_tracked_lab(folder, allow_outside=allow_outside)
+        )
         _need_own_folder(out, lab)
         diagnosis = diagnose(lab, effects, progress)
         model, drawn = model_of(diagnosis), figures(diagnosis)
@@ -128,20 +128,19 @@ def _bulk_lab(
 def _diagnose_bulk(
     lab: BulkLab, out: Path, store: Path, seed: int, workers: int | None, cluster: str | None, progress: Progress
 ) -> tuple[BulkDiagnosis, dict[str, Path]]:
-    with result_files.claimed(out):
-        _need_own_folder(out, lab)
-        found = diagnose_bulk(lab, store, progress, seed=seed, workers=workers, cluster=cluster)
-        drawn = bulk_figure(found)
-        remarks = [f"left out: {reason}" for reason in not_in_the_model(found)]
-        text = bulk_methods(found, result_files.versions(LIBRARIES))
-        contents = {
-            "diagnosis.json": result_files.document(found.to_json()),
-            "diagnosis.html": bulk_page(found, drawn, text),
-            **text.files("diagnosis"),
-            "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(found.model),
-            **figure_files("diagnosis", [drawn]),
-        }
-        return found, result_files.write_together(out, contents)
+    _need_own_folder(out, lab)
+    found = diagnose_bulk(lab, store, progress, seed=seed, workers=workers, cluster=cluster)
+    drawn = bulk_figure(found)
+    remarks = [f"left out: {reason}" for reason in not_in_the_model(found)]
+    text = bulk_methods(found, result_files.versions(LIBRARIES))
+    contents = {
+        "diagnosis.json": result_files.document(found.to_json()),
+        "diagnosis.html": bulk_page(found, drawn, text),
+        **text.files("diagnosis"),
+        "model.toml": "".join(f"# {remark}\n" for remark in remarks) + model_text(found.model),
+        **figure_files("diagnosis", [drawn]),
+    }
+    return found, result_files.write_together(out, contents)
 
 
 def model_of(diagnosis: Diagnosis) -> Model:

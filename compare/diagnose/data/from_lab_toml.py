@@ -20,7 +20,7 @@ from rigtwin.compare.diagnose.data.tracked_lab import (
     on_the_bench,
     other_rates,
 )
-from rigtwin.compare.measure_repetitions import Failure, measure_repetition
+from rigtwin.compare.measure_repetitions import Failure, measuring
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
@@ -47,11 +47,17 @@ GEOMETRY = {  # key under [uncertainty] -> name in a lab.json, and factor from S
 
 
 def tracked_lab(
-    path: Path, only: Sequence[str] = (), progress: Progress = silent, *, allow_outside: bool = False
+    path: Path,
+    only: Sequence[str],
+    out: Path,
+    progress: Progress = silent,
+    *,
+    allow_outside: bool = False,
+    workers: int | None = None,
 ) -> TrackedLab:
     """The experiments of a lab with one kind of rig and one moving body or two, as a tracked lab.
 
-    Raises `BadInput`.
+    What is filmed is measured first, and kept in the folder of results `out`.  Raises `BadInput`.
     """
     lab = read_lab(path, allow_outside=allow_outside)
     experiments = _chosen(lab, only)
@@ -63,10 +69,18 @@ def tracked_lab(
             "experiments with --only ID, repeated for each."
         )
     need_repetitions(lab.path, sum(len(one.repetitions) for one in experiments))  # before measuring, which takes long
+    measured, failed = _measured(experiments, out, workers, progress)
+    unusable = [f"{name}: {one.source.name} was left out: {one.message}" for name, one in failed]
+    experiments = [
+        kept for one in experiments if (kept := _without(one, [bad.source for _, bad in failed])).repetitions
+    ]
+    if failed:
+        if not experiments:
+            raise BadInput(f"{failed[0][1].source}: {failed[0][1].message}")
+        need_repetitions(lab.path, sum(len(one.repetitions) for one in experiments), failed=len(failed))
     conditions, sigmas = [], []
-    for number, experiment in enumerate(experiments):
-        progress("tracks", number, len(experiments))
-        tracks, settings = _repetitions(lab, experiment, rig)
+    for experiment in experiments:
+        tracks, settings = _repetitions(experiment, measured, rig)
         tracks = [on_the_bench(rig, repetition) for repetition in tracks]
         sigmas += [track.sigma for repetition in tracks for track in repetition]
         conditions.append(_condition(experiment, tracks, rig, settings))
@@ -94,7 +108,8 @@ def tracked_lab(
     odd = other_rates(conditions, [one.camera.frame_rate for one in experiments])
     unasked = [] if only else not_diagnosed(lab, experiments)
     return TrackedLab(
-        lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about}, (*odd, *unasked)
+        lab.title, rig, GRAVITY, camera, geometry, tuple(conditions), lab.folder, {"walls": about},
+        (*odd, *unusable, *unasked),
     )  # fmt: skip
 
 
@@ -136,17 +151,46 @@ def _kind(experiment: Experiment) -> tuple[str, bool]:
     return "", False
 
 
-def _repetitions(lab: Lab, experiment: Experiment, rig: str) -> tuple[list[tuple[Track, ...]], dict[str, float]]:
+def _measured(
+    experiments: Sequence[Experiment], out: Path, workers: int | None, progress: Progress
+) -> tuple[dict[tuple[str, Path], Measurement], list[tuple[str, Failure]]]:
+    """The measurements of all repetitions that are not read from a table, by experiment and first file; the failures,
+    each with its experiment."""
+    filmed = [_without(one, [views[0] for views in one.repetitions if _is_read(one, views)]) for one in experiments]
+    if not any(one.repetitions for one in filmed):
+        return {}, []
+    with measuring([one for one in filmed if one.repetitions], out, workers) as pending:
+        found = pending.results(progress)
+    return (
+        {(name, item.source): item for name, one in found.items() for item in one.measurements},
+        [(name, failure) for name, one in found.items() for failure in one.failures],
+    )
+
+
+def _without(experiment: Experiment, first: Sequence[Path]) -> Experiment:
+    """The experiment without the repetitions that begin with one of these files."""
+    return replace(experiment, repetitions=tuple(v for v in experiment.repetitions if v[0] not in first))
+
+
+def _is_read(experiment: Experiment, views: Sequence[Path]) -> bool:
+    """Whether the positions of a repetition are read as they stand."""
+    return not isinstance(experiment.rig, TiltSettings) and is_table(views[0])
+
+
+def _repetitions(
+    experiment: Experiment, measured: Mapping[tuple[str, Path], Measurement], rig: str
+) -> tuple[list[tuple[Track, ...]], dict[str, float]]:
     """The repetitions in the axes of a lab.json, and the settings that their measurement gives."""
+    every = [(views, measured.get((experiment.id, views[0]))) for views in experiment.repetitions]
     if not isinstance(experiment.rig, TiltSettings):
-        return [_tracks(lab, experiment, views, rig) for views in experiment.repetitions], {}
-    runs = [tilted(experiment, _measured(experiment, views)) for views in experiment.repetitions]
+        return [_tracks(experiment, views, found, rig) for views, found in every], {}
+    runs = [tilted(experiment, found) for _, found in every if found is not None]
     return (slides if rig == "slide" else rolls)(runs, experiment.particle.diameter / 2)
 
 
-def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -> tuple[Track, ...]:
+def _tracks(experiment: Experiment, views: Sequence[Path], measured: Measurement | None, rig: str) -> tuple[Track, ...]:
     """One repetition in the axes of a lab.json."""
-    if is_table(views[0]):
+    if measured is None:
         camera, direction = experiment.camera_of(views[0]), by_fall if rig == "drop" else by_swing
         with (
             naming_lab_keys(experiment.rig_name, experiment.particle_place),
@@ -161,20 +205,12 @@ def _tracks(lab: Lab, experiment: Experiment, views: Sequence[Path], rig: str) -
                 only_height=rig == "drop",
             ).in_metres(views[0])
         return _upon_the_plate(found, views[0], experiment) if rig == "drop" else found
-    measured = _measured(experiment, views)
     radius = experiment.particle.diameter / 2
     # the origin of a measured drop is the bead's centre at first contact, that of pendulums the last bead at rest
     shift = np.array([0.0, radius])
     if isinstance(experiment.rig, PendulumSettings):
         shift = np.array([radius if rig == "double" else 0.0, -experiment.rig.length])
     return tuple(_moved(track, shift) for track in measured.tracks)
-
-
-def _measured(experiment: Experiment, views: Sequence[Path]) -> Measurement:
-    measured = measure_repetition(experiment, views, None)
-    if isinstance(measured, Failure):
-        raise BadInput(f"{measured.source}: {measured.message}")
-    return measured
 
 
 def _upon_the_plate(tracks: tuple[Track, ...], path: Path, experiment: Experiment) -> tuple[Track, ...]:

@@ -210,10 +210,11 @@ def on_the_bench(rig: str, repetition: tuple[Track, ...]) -> tuple[Track, ...]:
     return tuple(replace(track, time=track.time - begin) for track in repetition)
 
 
-def need_repetitions(folder: Path, there: int, still: int = 0) -> None:
-    """Raise `BadInput` if a lab has too few repetitions, not counting `still` ones without motion."""
+def need_repetitions(folder: Path, there: int, still: int = 0, failed: int = 0) -> None:
+    """Raise `BadInput` if a lab has too few repetitions, not counting `still` ones without motion and `failed` ones."""
     if there < FEWEST:
         more = f", {still} more in which nothing moved" if still else ""
+        more += f", {failed} more could not be measured" if failed else ""
         raise BadInput(
             f"{folder}: {there} repetition{'' if there == 1 else 's'} in all{more}; at least {FEWEST} are needed to "
             "separate an effect from scatter."

@@ -820,14 +820,14 @@ def test_a_lab_toml_of_tracked_drops_is_diagnosed_as_its_lab_json_is(tmp_path):
     plate = '[materials.plate]\ndensity = "2600 kg/m^3"\nyoungs_modulus = "70 GPa"\npoisson_ratio = 0.22\n'
     stated = '[uncertainty]\nscale = 0.002\nframe_rate = 1e-4\ncamera_roll = "0.15 deg"\ntracking_noise = "0.15 mm"\n'
     (tmp_path / "lab.toml").write_text(f"{plate}{beads}{stated}{drops}")
-    lab = tracked_lab(tmp_path)
+    lab = tracked_lab(tmp_path, [], tmp_path / "out")
     assert (lab.rig, lab.repetitions, lab.camera.clock_rel) == ("drop", 12, 1e-4)
     assert lab.camera.noise == pytest.approx(1.5e-4)
     diagnosis = diagnose(lab)
     assert diagnosis.chosen.names == ("frame_rate_error",)
     assert {bead.material.youngs_modulus for bead in model_of(diagnosis).particles.values()} == {3e9}
     with pytest.raises(BadInput, match="no experiment 'drop-9'"):
-        tracked_lab(tmp_path, ["drop-9"])
+        tracked_lab(tmp_path, ["drop-9"], tmp_path / "out")
 
 
 def test_a_setting_without_a_change_separates_no_rivals_and_a_dense_ball_separates_drag(dragged):
@@ -919,9 +919,9 @@ def test_a_file_after_the_stated_repetitions_and_a_wrong_stated_rate_give_warnin
 def test_too_few_repetitions_of_a_lab_toml_are_refused_before_anything_is_measured(tmp_path, monkeypatch):
     from rigtwin.compare.diagnose.data import from_lab_toml
 
-    monkeypatch.setattr(from_lab_toml, "_tracks", lambda *_: pytest.fail("something was measured"))
+    monkeypatch.setattr(from_lab_toml, "measuring", lambda *_: pytest.fail("something was measured"))
     with pytest.raises(BadInput, match=r"3 repetitions in all; at least 5 are needed"):
-        tracked_lab(Path(__file__).parents[3] / "sample_media", ["drop-D6-steel"])
+        tracked_lab(Path(__file__).parents[3] / "sample_media", ["drop-D6-steel"], tmp_path / "out")
 
 
 def test_a_folder_without_a_lab_gives_an_error_that_names_both_possible_files(tmp_path):

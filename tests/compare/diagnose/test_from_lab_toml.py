@@ -146,7 +146,7 @@ def test_a_table_without_its_columns_is_refused_by_the_key_of_lab_toml(tmp_path)
     drop = '[[experiments]]\nid = "d"\nrig = "drop"\nparticle = "bead"\nwall = "plate"\n'
     (tmp_path / "lab.toml").write_text(f"{HEAD}{drop}repetitions = {files}\n")
     with pytest.raises(BadInput, match=r"name it with columns '.=NAME"):
-        tracked_lab(tmp_path)
+        tracked_lab(tmp_path, [], tmp_path / "out")
 
 
 def filmed(folder, films):
@@ -167,7 +167,7 @@ def test_films_of_two_beads_reach_the_diagnosis_with_the_origin_between_the_pivo
         + '[[experiments]]\nid = "two"\nrig = "pendulum"\nvariant = "double"\nparticle = "bead"\nlength = "190 mm"\n'
         f'repetitions = {files}\n[experiments.camera]\nframe_rate = "240 Hz"\n{camera}\n'
     )
-    lab = tracked_lab(tmp_path)
+    lab = tracked_lab(tmp_path, [], tmp_path / "out")
     check_axes(lab)
     assert lab.rig == "double"
     for released, waiting in lab.conditions[0].repetitions:
@@ -185,7 +185,7 @@ def test_films_of_a_slide_reach_the_diagnosis_in_its_axes(tmp_path):
         f'{HEAD}[[experiments]]\nid = "tilt"\nrig = "tilt"\nvariant = "slide"\nparticle = "bead"\nwall = "plate"\n'
         f'repetitions = {names}\n[experiments.camera]\nframe_rate = "100 Hz"\nscale = "0.5 mm/px"\n'
     )
-    (condition,) = tracked_lab(tmp_path).conditions
+    (condition,) = tracked_lab(tmp_path, [], tmp_path / "out").conditions
     assert condition.settings["tilt_rate_deg_s"] == pytest.approx(truth["plate_speed_deg_s"], rel=0.02)
     begin = truth["onset_angle_deg"] - truth["onset_time_s"] * truth["plate_speed_deg_s"]
     assert condition.settings["start_angle_deg"] == pytest.approx(begin, abs=0.1)
@@ -194,3 +194,21 @@ def test_films_of_a_slide_reach_the_diagnosis_in_its_axes(tmp_path):
     reach = np.hypot(*track.position.T)
     assert np.ptp(reach[rest]) < 0.5e-3  # a pixel
     assert reach[-1] < reach[0] - 0.01
+
+
+def test_a_film_that_cannot_be_measured_is_left_out_with_its_reason_and_the_tables_remain(tmp_path):
+    time = np.arange(30) / 240
+    height = np.maximum(3e-3 + 0.06 - 4.905 * time**2, 3e-3)
+    for number in range(5):
+        rows = np.column_stack([time, 0 * time + 1e-5 * number, height])
+        np.savetxt(tmp_path / f"r{number}.csv", rows, fmt="%.6f", delimiter=",", header="time_s,x_m,y_m", comments="")
+    (tmp_path / "r5.mp4").write_bytes(b"no film")
+    files = [*(f"r{number}.csv" for number in range(5)), "r5.mp4"]
+    drop = '[[experiments]]\nid = "d"\nrig = "drop"\nparticle = "bead"\nwall = "plate"\n'
+    (tmp_path / "lab.toml").write_text(f"{HEAD}{drop}repetitions = {files}\n")
+    lab = tracked_lab(tmp_path, [], tmp_path / "out")
+    assert lab.repetitions == 5
+    assert any(one.startswith("d: r5.mp4 was left out: ") for one in lab.overlooked)
+    (tmp_path / "lab.toml").write_text(f"{HEAD}{drop}repetitions = {files[1:]}\n")
+    with pytest.raises(BadInput, match=r"4 repetitions in all, 1 more could not be measured"):
+        tracked_lab(tmp_path, [], tmp_path / "out")
