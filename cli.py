@@ -41,6 +41,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help pages: typer's decorated ones take twice as long to show
+    context_settings={"help_option_names": ["--help", "-h"]},
 )
 app.add_typer(measure.app, name="measure")
 app.add_typer(simulate.app, name="simulate")
@@ -286,12 +287,18 @@ def _run(arguments: list[str]) -> int:
         return _fail("usage", _usage(error), 2, as_json)
     except BrokenPipeError:  # the reader of stdout left, as in `rigtwin ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        return 0
+    except KeyboardInterrupt:  # before or after typer's own care of it
+        return _interrupted(as_json)
     except Exception as error:
         return _fault(error, as_json, arguments)
     if code == 130:  # typer's word for Ctrl-C
-        return _fail("interrupted", "interrupted; results of earlier runs are as they were.", code, as_json)
+        return _interrupted(as_json)
     return code if isinstance(code, int) else 0
+
+
+def _interrupted(as_json: bool) -> int:
+    return _fail("interrupted", "interrupted; results of earlier runs are as they were.", 130, as_json)
 
 
 def _less_memory(arguments: list[str]) -> str:

@@ -420,7 +420,8 @@ def _size(text: str | float, dimension: str, name: str, zero: bool, highest: flo
     bead = name == "--bead-diameter"
     if dimension == "length" and value and not SHORTEST <= value <= (LARGEST_BEAD if bead else LONGEST):
         what, example = ("bead's diameter", "6mm") if bead else ("length on a bench", "300mm")
-        raise BadQuantity(f"{name}: {text!r} is {value:g} m, no {what}; write it with its unit, like {example!r}.")
+        advice = "check number and unit" if str(text).strip()[-1:].isalpha() else "write it with its unit"
+        raise BadQuantity(f"{name}: {text!r} is {value:g} m, no {what}; {advice}, like {example!r}.")
     return value
 
 

@@ -347,6 +347,10 @@ def sized(particle: Particle, sizes: Sizes) -> Particle:
     return replace(whole, sizes=sizes)
 
 
+MOST_FRICTION = 10.0
+"""Largest coefficient of friction that is taken: at 10 nothing slides any more, and 36 was meant to be 0.36."""
+
+
 @dataclass(frozen=True)
 class Contact:
     """Interaction parameters of a pair particle-particle or particle-wall."""
@@ -360,8 +364,8 @@ class Contact:
             raise BadInput(f"restitution must be above 0 and at most 1, got {self.restitution:g}.")
         for name in ("static_friction", "rolling_friction"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise BadInput(f"{name} must be zero or positive, got {value:g}.")
+            if not 0 <= value <= MOST_FRICTION:
+                raise BadInput(f"{name} must be between 0 and {MOST_FRICTION:g}, got {value:g}.")
 
 
 Pair = tuple[str, str]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ TIED = 0.8  # correlation from which two parameters are named as ambiguous
 WIDE = 0.2  # standard deviation over the range from which a parameter is not determined; a uniform one has 0.29
 WEAK = 0.02  # share of the variance of a quantity below which a parameter has no visible influence on it
 MISFIT = 0.01  # probability of the misfit below which no set fits
+END = 0.02  # share of the range of a parameter from its ends within which a best value lies at the end
 FURTHEST = 3  # deviations named where no set fits
 
 
@@ -200,7 +201,7 @@ def calibration_of(search: Search, found: State, predictions: tuple[dict[str, An
     return Calibration(
         search.lab, parameters, tuple(posterior.targets), samples, best, _best_model(search, best), np.array(shares),
         predictions, found.runs, found.stopped, (square, float(chi2.sf(square, free))),
-        tuple(_remarks(search, found, best)),
+        (*at_an_end(parameters, best), *_remarks(search, found, best)),
     )  # fmt: skip
 
 
@@ -223,6 +224,33 @@ def _best_model(search: Search, best: Mapping[str, float]) -> Model:
 def _at_best(search: Search, best: Mapping[str, float]) -> Experiment:
     """The first fitted experiment with the best set."""
     return search.setting(search.fitted[0], best).experiment
+
+
+def at_an_end(parameters: Sequence[Parameter], best: Mapping[str, float]) -> list[str]:
+    """Return a sentence for each parameter whose best value lies at an end of its range.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+        The parameters with their ranges.
+    best : mapping of str to float
+        The best set, in SI.
+
+    Returns
+    -------
+    list of str
+        The sentences.
+    """
+    said = []
+    for one in parameters:
+        share = float(one.unit(np.array([best[one.name]]))[0])
+        if not END < share < 1 - END:
+            end = "lower" if share <= END else "upper"
+            said.append(
+                f"{one.name}: the best value, {best[one.name]:.4g}, lies at the {end} end of its range, {one.low:.4g} "
+                f"to {one.high:.4g}; give --fit {one.name}=LOW..HIGH with a wider one if values beyond it are possible"
+            )
+    return said
 
 
 def _remarks(search: Search, found: State, best: Mapping[str, float]) -> Iterator[str]:

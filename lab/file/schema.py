@@ -26,6 +26,7 @@ from rigtwin.lab.drum_flow import FILL
 from rigtwin.lab.errors import BadCamera, BadInput, BadLabFile
 from rigtwin.lab.file.toml_lines import Key, dotted, key_lines
 from rigtwin.lab.input_files import LARGEST_NOTES, lies_outside, read_bytes, why_not_ordinary
+from rigtwin.lab.materials import MOST_FRICTION
 from rigtwin.lab.media_files import kind_of
 from rigtwin.lab.rigs import (
     LIFT_SPEED,
@@ -436,7 +437,7 @@ Mass = Annotated[float, _quantity("mass", 0), Field(examples=["0.69 g"])]
 Modulus = Annotated[float, _quantity("pressure", 0, STIFFEST), Field(examples=["11 GPa"])]
 Poisson = Annotated[float, _quantity("number", 0, 0.499, open_low=False), Field(examples=[0.44])]
 Restitution = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.42])]
-Friction = Annotated[float, _quantity("number", 0, open_low=False), Field(examples=[0.36])]
+Friction = Annotated[float, _quantity("number", 0, MOST_FRICTION, open_low=False), Field(examples=[0.36])]
 Rate = Annotated[float, _quantity("frequency", 0), Field(examples=["240 Hz"])]
 Scale = Annotated[float, _quantity("scale", 0), Field(examples=["0.2 mm/px"])]
 Speed = Annotated[float, _quantity("speed", 0), Field(examples=["20 mm/s"])]

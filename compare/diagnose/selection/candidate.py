@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rigtwin.compare.diagnose.fitting.fit import Fit
+from rigtwin.lab.formatting import unit_of
 from rigtwin.sim.effects import Effect
 from rigtwin.sim.effects.effect import WIDENING
 
@@ -107,13 +108,14 @@ def _beyond(fitted: Fit, term: Effect) -> str:
     for parameter in term.parameters:
         name = f"{term.name}.{parameter.name}"
         value, std = fitted.value(name), fitted.std_given(name, [one for one in shape if one != name])
+        found = f"{parameter.name} = {value:.3g}{unit_of(parameter.unit)}"
         beyond = parameter.high + min(2 * std, BEYOND * (parameter.high - parameter.low))
         if value < parameter.low - 2 * std or value > beyond:
-            return f"{parameter.name} = {value:.3g} {parameter.unit} is not in {parameter.low:g} to {parameter.high:g}"
+            return f"{found} is not in {parameter.low:g} to {parameter.high:g}"
         if parameter.assumed is not None:  # it does not measure the strength
             continue
         if abs(value) < shown_from(parameter.least, std):
-            return f"{parameter.name} = {value:.3g} {parameter.unit} is no larger than in any lab"
+            return f"{found} is no larger than in any lab"
         if abs(value) < 3.0 * std:
             return f"{parameter.name} = {value:.3g} is within three standard deviations ({std:.2g} each) of zero"
     return ""

@@ -12,7 +12,7 @@ import pytest
 from rigtwin.benchmarks.calibrate.recovery import make_lab
 from rigtwin.cli import run
 from rigtwin.compare.campaign import emulator as emulators
-from rigtwin.compare.campaign.calibration import Calibration
+from rigtwin.compare.campaign.calibration import Calibration, at_an_end
 from rigtwin.compare.campaign.curves import curve_targets
 from rigtwin.compare.campaign.posterior import Parameter, Posterior, Target, correlation, sample, scatter
 from rigtwin.lab.camera import Camera
@@ -143,6 +143,14 @@ def test_a_measured_coefficient_is_a_prior_and_a_wide_range_is_logarithmic():
     assert known.value(unit[[int(np.argmax(known.log_prior(unit)))]]) == pytest.approx(0.3, abs=0.01)
     assert wide.value(np.array([0.5]))[0] == pytest.approx(np.sqrt(0.003 * 0.5))
     assert not wide.log_prior(unit).any()
+
+
+def test_a_best_value_at_an_end_of_its_range_is_said_with_the_option_that_widens_it():
+    friction, rolling = Parameter("static_friction", 0.05, 1.2), Parameter("rolling_friction", 0.01, 0.4)
+    (said,) = at_an_end((friction, rolling), {"static_friction": 0.05, "rolling_friction": 0.2})
+    assert said.startswith("static_friction: the best value, 0.05, lies at the lower end of its range, 0.05 to 1.2")
+    assert "--fit static_friction=LOW..HIGH" in said
+    assert "upper end" in at_an_end((friction,), {"static_friction": 1.19})[0]
 
 
 @pytest.fixture(scope="module")
