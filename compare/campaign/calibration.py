@@ -201,7 +201,7 @@ def calibration_of(search: Search, found: State, predictions: tuple[dict[str, An
     return Calibration(
         search.lab, parameters, tuple(posterior.targets), samples, best, _best_model(search, best), np.array(shares),
         predictions, found.runs, found.stopped, (square, float(chi2.sf(square, free))),
-        (*at_an_end(parameters, best), *_remarks(search, found, best)),
+        (*at_an_end(parameters, best, samples), *_remarks(search, found, best)),
     )  # fmt: skip
 
 
@@ -226,8 +226,8 @@ def _at_best(search: Search, best: Mapping[str, float]) -> Experiment:
     return search.setting(search.fitted[0], best).experiment
 
 
-def at_an_end(parameters: Sequence[Parameter], best: Mapping[str, float]) -> list[str]:
-    """Return a sentence for each parameter whose best value lies at an end of its range.
+def at_an_end(parameters: Sequence[Parameter], best: Mapping[str, float], samples: Array) -> list[str]:
+    """Return a sentence for each parameter that is determined and whose best value lies at an end of its range.
 
     Parameters
     ----------
@@ -235,6 +235,8 @@ def at_an_end(parameters: Sequence[Parameter], best: Mapping[str, float]) -> lis
         The parameters with their ranges.
     best : mapping of str to float
         The best set, in SI.
+    samples : ndarray
+        Samples of the posterior, shape (n, p), in SI.
 
     Returns
     -------
@@ -242,9 +244,9 @@ def at_an_end(parameters: Sequence[Parameter], best: Mapping[str, float]) -> lis
         The sentences.
     """
     said = []
-    for one in parameters:
+    for one, values in zip(parameters, samples.T, strict=True):
         share = float(one.unit(np.array([best[one.name]]))[0])
-        if not END < share < 1 - END:
+        if not END < share < 1 - END and np.std(one.unit(values)) <= WIDE:
             end = "lower" if share <= END else "upper"
             said.append(
                 f"{one.name}: the best value, {best[one.name]:.4g}, lies at the {end} end of its range, {one.low:.4g} "
