@@ -17,6 +17,7 @@ from rigtwin.compare.twins.run_cost import need_usual_number
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.drum_flow import FILL, FLOWING, froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
+from rigtwin.lab.materials import PACKING
 from rigtwin.lab.media_files import PICTURES
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import doubted, failed
@@ -175,15 +176,29 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
         return rig.count or (count if self.takes_count(experiment) else None)
 
     def needs_measurement(self, experiment: Experiment) -> bool:
-        return self.takes_count(experiment) and bool(experiment.repetitions)
+        return bool(experiment.repetitions) and (self.takes_count(experiment) or self._takes_depth(experiment))
 
     def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
+        """Take the fill from the film, or, where the number of particles is stated, the depth that goes with both."""
         seen = [check.value for item in measurements for check in item.checks if check.check == "fill"]
         seen = [share for share in seen if FLOWING[0] < share < FLOWING[1]]
-        if not seen or not self.takes_count(experiment):
+        rig = self.rig(experiment)
+        if not seen:
             return experiment, ""
-        filled = replace(self.rig(experiment), fill=fmean(seen))
-        return replace(experiment, rig=filled), f"a fill of {fmean(seen):.3g}"
+        fill = fmean(seen)
+        if self._takes_depth(experiment) and rig.count is not None:
+            beads = rig.count * experiment.particle.mean_volume / PACKING
+            depth = beads / (fill * math.pi / 4 * rig.drum_diameter**2)
+            return replace(experiment, rig=replace(rig, depth=depth)), (
+                f"a depth of {1e3 * depth:.3g} mm, in which {rig.count} particles fill {fill:.3g} as seen"
+            )
+        if not self.takes_count(experiment):
+            return experiment, ""
+        return replace(experiment, rig=replace(rig, fill=fill)), f"a fill of {fill:.3g}"
+
+    def _takes_depth(self, experiment: Experiment) -> bool:
+        rig = self.rig(experiment)
+        return rig.count is not None and rig.depth is None and rig.fill is None
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
         rig = self.rig(experiment)

@@ -43,8 +43,12 @@ def test_a_drum_is_filled_as_the_films_show_unless_it_is_stated():
     filled, said, assumed = completed(drum, *films)
     assert filled.fill == pytest.approx(0.23)
     assert (said, assumed) == ("a fill of 0.23", ["a depth of 50 mm"])
-    for stated in (replace(drum, fill=0.4), replace(drum, count=900)):
+    for stated in (replace(drum, fill=0.4), replace(drum, count=900, depth=0.05)):
         assert completed(stated, *films)[0] == stated
+    filled, said, assumed = completed(replace(drum, count=360), *films)
+    assert filled.depth * 0.23 * math.pi / 4 * 0.1**2 * 0.6 == pytest.approx(360 * BEAD.volume)
+    assert "in which 360 particles fill 0.23 as seen" in said
+    assert not assumed
     rig, said, assumed = completed(drum, media())
     assert (rig, said, assumed) == (drum, "", ["a depth of 50 mm", "a fill of 0.35"])
 
