@@ -239,6 +239,7 @@ def main() -> None:
     """Entry point of the command ``rigtwin``; leaves with 0, 1 (our fault), 2 (bad input) or 130 (interrupted)."""
     if sys.stdout is None:  # started with stdout closed: results still go into files
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # what it says of damaged pictures stands in our sentence
     signal.signal(signal.SIGINT, _Interrupts())
     code = run(sys.argv[1:])
     # what is left is the end of Python, which Ctrl-C may cut short, but not to change the exit code of an interrupt
