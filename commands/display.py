@@ -218,7 +218,10 @@ def _tell_warnings(
     console: Console, rows: Sequence[Deviation], measured: Sequence[Measured], warnings: Sequence[str]
 ) -> None:
     """Why shown rows are doubtful, failed checks and warnings; a failed check that the others state is not repeated."""
-    reasons = list(dict.fromkeys(f"{row.experiment}: {row.doubtful}" for row in rows if row.doubtful))
+    doubted: dict[str, list[str]] = {}
+    for row in rows:
+        doubted.setdefault(row.experiment, []).append(row.doubtful)
+    reasons = [f"{name}: {reason}" for name, every in doubted.items() for reason in _each_once(every)]
     for reason in reasons:
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
     for one in measured:
@@ -494,8 +497,17 @@ def _show_quantities(console: Console, heading: str, quantities: Sequence[Quanti
     console.print(table)
     if len(shown) < len(quantities):
         console.print(f"{len(quantities) - len(shown)} more (view by view, left and right): add --json")
-    for reason in dict.fromkeys(quantity.doubtful for quantity in shown if quantity.doubtful):
+    for reason in _each_once([quantity.doubtful for quantity in shown]):
         console.print(f"[yellow]doubtful:[/yellow] {escape(reason)}")
+
+
+def _each_once(reasons: Sequence[str]) -> list[str]:
+    """Each reason, without one that was stated before where it begins with that."""
+    said: list[str] = []
+    for reason in dict.fromkeys(filter(None, reasons)):
+        before = max((one for one in reasons if one and reason.startswith(f"{one}; ")), key=len, default="")
+        said.append(reason.removeprefix(f"{before}; ") if before else reason)
+    return list(dict.fromkeys(said))
 
 
 def _shown(quantities: Sequence[Quantity]) -> Sequence[Quantity]:

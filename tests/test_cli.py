@@ -1085,3 +1085,13 @@ def test_a_decoder_without_a_thread_is_no_fault_of_rigtwin(monkeypatch, capfd):
 
     monkeypatch.setattr("rigtwin.cli._command", lambda: no_thread)
     refused(["measure", "drop", "x.mp4"], capfd, "no further thread", "shorter clip")
+
+
+def test_each_doubt_is_stated_once(tmp_path, capsys):
+    photo = Path(__file__).parents[1] / "sample_media" / "pile" / "view1.jpg"
+    stated = ["--base-diameter", "90mm", "--bead-diameter", "6.2mm", "--base", "250,600,700,595"]
+    assert run(["measure", "pile", str(photo), *stated, "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("an end of the stated base lies") == 1
+    assert said.count("of the stated base, so its geometric angle is too small") == 1
+    assert said.count("beads look 1.30 times as large as stated") == 1
