@@ -6,6 +6,7 @@ and the emulators are least certain, until the posterior is no longer narrowed o
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -216,7 +217,8 @@ def calibrate_lab(
         calibration = calibration_of(search, found, predictions)
         if calibration.ambiguous and calibration.fits:
             calibration = _with_next_experiments(calibration, search, found, campaign, progress)
-    calibration = replace(calibration, remarks=(*left_out, *calibration.remarks))
+    replaced = _replaced(out, calibration.best)
+    calibration = replace(calibration, remarks=(*left_out, *calibration.remarks, *replaced))
     drawn = figures(calibration)
     text = methods(calibration, result_files.versions(LIBRARIES))
     page = filled("calibration.html", found=calibration, figures=drawn, title=title, methods=text)
@@ -234,6 +236,20 @@ def calibrate_lab(
     document = result_files.document(calibration.to_json())
     result_files.write_in_turn(out, {**contents, "calibration.json": document, **drawings})
     return calibration
+
+
+def _replaced(out: Path, best: Mapping[str, float]) -> Iterator[str]:
+    """A remark if `out` holds a calibration of other parameters, which this one replaces."""
+    try:
+        before = json.loads((out / "calibration.json").read_text(encoding="utf-8"))["best"]
+        fitted = ", ".join(map(str, before))
+    except (OSError, ValueError, LookupError, TypeError):  # no such file, or of another kind
+        return
+    if set(before) != set(best):
+        yield (
+            f"the calibration of {fitted} in {out} is replaced; its runs are kept in runs/, from which the earlier "
+            "command can write it again; give --out another folder to keep both"
+        )
 
 
 def _with_next_experiments(
