@@ -18,7 +18,9 @@ NEGLIGIBLE = 1e-2  # gain that changes no decision
 LEFT, LEFT_HOPELESS = 1e-4, 5e-3
 """Share of the objective beyond one per coordinate to which a model is fitted, and the same for one that does not fit.
 What is compared with a bad model differs from it by far more; independent labs keep their verdicts."""
-IDLE = 4  # successive steps without gain that end the descent; integration in steps makes the objective slightly rough
+IDLE = 4
+"""Steps without gain, and none with a gain between them, that end the descent; integration in steps makes the objective
+slightly rough."""
 DAMPED, FREE = 1e-4, 1e-9
 """Relative damping at the start for a bad model, and at the end.  The final value is small because the information that
 separates two interchangeable calibration quantities is a millionth of the information on either."""
@@ -52,7 +54,10 @@ def descend(
         small = _small(min(tried.objective, linear.objective), bench.rows.size)
         # where the objective is slightly rough a step that promises nothing may fail by more than it promised
         promise = promised(unknowns, state, linear, step_local, step_global)
-        idle = idle + 1 if abs(gain) < small or (gain < 0 and promise < small) else 0
+        if abs(gain) < small or (gain < 0 and promise < small):
+            idle += 1
+        elif gain > 0:  # a step that went too far says nothing of what the next ones gain
+            idle = 0
         if gain >= 0:
             state.local, state.values, linear = trial.local, trial.values, tried
             # with less damping a step that was just refused would be refused again
