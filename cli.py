@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import select
 import signal
 import sys
 import time
@@ -286,16 +287,27 @@ def _run(arguments: list[str]) -> int:
             typer.echo(error.format_message(), err=True)
             return 2
         return _fail("usage", _usage(error), 2, as_json)
-    except BrokenPipeError:  # the reader of stdout left, as in `rigtwin ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:  # before or after typer's own care of it
+    except SystemExit as leaving:  # so typer ends where it cannot print
+        if isinstance(leaving.__context__, BrokenPipeError) and _reader_left():
+            return 0
+        raise
+    except KeyboardInterrupt:  # typer turns only one that comes while a command runs into a code
         return _interrupted(as_json)
     except Exception as error:
         return _fault(error, as_json, arguments)
     if code == 130:  # typer's word for Ctrl-C
         return _interrupted(as_json)
     return code if isinstance(code, int) else 0
+
+
+def _reader_left() -> bool:
+    """Whether nobody reads stdout any more, as in `rigtwin ... | head`."""
+    if not hasattr(select, "poll"):  # Windows
+        return False
+    stdout = select.poll()
+    stdout.register(1, select.POLLOUT)
+    broken = any(state & select.POLLERR for _, state in stdout.poll(0))
+    return broken or os.path.sameopenfile(1, os.open(os.devnull, os.O_RDONLY))  # rich has turned to the latter
 
 
 def _interrupted(as_json: bool) -> int:

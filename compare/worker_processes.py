@@ -18,6 +18,9 @@ from rigtwin.lab.errors import BadInput, WorkerEnded
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
+_STARTING = threading.RLock()
+
+
 class Workers:
     """A limited number of worker processes, each started when a job finds none free.
 
@@ -135,13 +138,15 @@ def spawned(
 @contextmanager
 def _without_the_script() -> Iterator[None]:
     """Start processes that do not read the script of this one, which would run it again; their jobs are rigtwin's."""
-    main = vars(sys.modules["__main__"])
-    script = main.pop("__file__", None)
-    try:
-        yield
-    finally:
-        if script is not None:
-            main["__file__"] = script
+    main: dict[str, Any] = vars(sys.modules["__main__"])
+    with _STARTING:  # another thread would put the names back too early
+        known: dict[str, Any] = {name: main[name] for name in ("__file__", "__spec__") if name in main}
+        main.pop("__file__", None)
+        main["__spec__"] = None
+        try:
+            yield
+        finally:
+            main.update(known)
 
 
 @contextmanager

@@ -348,7 +348,7 @@ def sized(particle: Particle, sizes: Sizes) -> Particle:
 
 
 MOST_FRICTION = 10.0
-"""Largest coefficient of friction that is taken: at 10 nothing slides any more, and 36 was meant to be 0.36."""
+"""Largest coefficient of friction that is taken; the largest of dry grains are near 1, and 36 was meant to be 0.36."""
 
 
 @dataclass(frozen=True)
@@ -365,7 +365,9 @@ class Contact:
         for name in ("static_friction", "rolling_friction"):
             value = getattr(self, name)
             if not 0 <= value <= MOST_FRICTION:
-                raise BadInput(f"{name} must be between 0 and {MOST_FRICTION:g}, got {value:g}.")
+                raise BadInput(
+                    f"{name}: {value:g} is out of range; it must be at least 0 and at most {MOST_FRICTION:g}."
+                )
 
 
 Pair = tuple[str, str]

@@ -6,6 +6,7 @@ import math
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from functools import partial
@@ -1095,3 +1096,25 @@ def test_each_doubt_is_stated_once(tmp_path, capsys):
     assert said.count("an end of the stated base lies") == 1
     assert said.count("of the stated base, so its geometric angle is too small") == 1
     assert said.count("beads look 1.30 times as large as stated") == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a pipe whose reader has left cannot be told there")
+@pytest.mark.parametrize("asked", [["doctor", "--json"], ["measure", "pile", "view1.jpg", "--base-diameter", "90mm"]])
+def test_a_reader_of_stdout_that_leaves_is_no_fault(asked, tmp_path):
+    shutil.copy(Path(__file__).parents[1] / "sample_media" / "pile" / "view1.jpg", tmp_path)
+    read, write = os.pipe()
+    os.close(read)
+    with subprocess.Popen(
+        [sys.executable, "-m", "rigtwin", *asked], cwd=tmp_path, stdout=write, stderr=subprocess.PIPE
+    ) as command:
+        os.close(write)
+        assert command.stderr is not None
+        said = command.stderr.read().decode()
+    assert command.returncode == 0, said
+    assert "Traceback" not in said
+
+
+def test_friction_beyond_that_of_any_material_is_refused(capsys):
+    asked = ["simulate", "tilt", "--variant", "slide", "--static-friction", "36"]
+    assert run(asked) == 2
+    assert "static-friction: 36 is out of range; it must be at least 0 and at most 10" in capsys.readouterr().err

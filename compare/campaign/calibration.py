@@ -201,7 +201,7 @@ def calibration_of(search: Search, found: State, predictions: tuple[dict[str, An
     return Calibration(
         search.lab, parameters, tuple(posterior.targets), samples, best, _best_model(search, best), np.array(shares),
         predictions, found.runs, found.stopped, (square, float(chi2.sf(square, free))),
-        (*at_an_end(parameters, best, samples), *_remarks(search, found, best)),
+        (*at_range_limit(parameters, best, samples), *_remarks(search, found, best)),
     )  # fmt: skip
 
 
@@ -226,7 +226,7 @@ def _at_best(search: Search, best: Mapping[str, float]) -> Experiment:
     return search.setting(search.fitted[0], best).experiment
 
 
-def at_an_end(parameters: Sequence[Parameter], best: Mapping[str, float], samples: Array) -> list[str]:
+def at_range_limit(parameters: Sequence[Parameter], best: Mapping[str, float], samples: Array) -> list[str]:
     """Return a sentence for each parameter that is determined and whose best value lies at an end of its range.
 
     Parameters
@@ -246,11 +246,12 @@ def at_an_end(parameters: Sequence[Parameter], best: Mapping[str, float], sample
     said = []
     for one, values in zip(parameters, samples.T, strict=True):
         share = float(one.unit(np.array([best[one.name]]))[0])
-        if not END < share < 1 - END and np.std(one.unit(values)) <= WIDE:
-            end = "lower" if share <= END else "upper"
+        end = "lower" if share <= END else "upper" if share >= 1 - END else ""
+        physical = one.low == 0 if end == "lower" else "restitution" in one.name and one.high == 1
+        if end and not physical and np.std(one.unit(values)) <= WIDE:
             said.append(
                 f"{one.name}: the best value, {best[one.name]:.4g}, lies at the {end} end of its range, {one.low:.4g} "
-                f"to {one.high:.4g}; give --fit {one.name}=LOW..HIGH with a wider one if values beyond it are possible"
+                f"to {one.high:.4g} (SI); values beyond it may fit better"
             )
     return said
 

@@ -63,7 +63,7 @@ def diagnose_folder(
     seed : int
         First seed of such twins.
     workers : int, optional
-        Number of processes for such twins; one for each core by default.
+        Number of processes for films and for such twins; one for each core by default.
     cluster : str, optional
         A cluster for such twins, as in `rigtwin.compare.campaign.runners.runner`.
     progress : Progress
@@ -111,7 +111,7 @@ def diagnose_folder(
 
 
 def _need_own_folder(out: Path, lab: TrackedLab | BulkLab) -> None:
-    """Refuse a folder with a diagnosis of other experiments, before the work."""
+    """Refuse a folder with a diagnosis of other experiments, before the fits or twins."""
     result_files.others_before(out, "diagnosis.json", lab.folder, [one.name for one in lab.conditions])
 
 

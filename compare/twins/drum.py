@@ -180,15 +180,18 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
 
     def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
         """Take the fill from the film, or, where the number of particles is stated, the depth that goes with both."""
+        from rigtwin.sim.run.filling import TIGHTEST
+
         seen = [check.value for item in measurements for check in item.checks if check.check == "fill"]
         seen = [share for share in seen if FLOWING[0] < share < FLOWING[1]]
         rig = self.rig(experiment)
         if not seen:
             return experiment, ""
         fill = fmean(seen)
-        if self._takes_depth(experiment) and rig.count is not None:
+        if rig.count is not None and self._takes_depth(experiment):
             beads = rig.count * experiment.particle.mean_volume / PACKING
-            depth = beads / (fill * math.pi / 4 * rig.drum_diameter**2)
+            thinnest = TIGHTEST * experiment.particle.diameter  # a single layer is less dense than `PACKING`
+            depth = max(beads / (fill * math.pi / 4 * rig.drum_diameter**2), thinnest)
             return replace(experiment, rig=replace(rig, depth=depth)), (
                 f"a depth of {1e3 * depth:.3g} mm, in which {rig.count} particles fill {fill:.3g} as seen"
             )

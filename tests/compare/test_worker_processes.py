@@ -63,17 +63,18 @@ def test_a_number_of_workers_that_is_none_is_refused_before_any_work(workers, tm
         pass
 
 
-def test_a_script_without_a_main_part_runs_once_and_its_processes_work(tmp_path):
+@pytest.mark.parametrize("how", [["asking.py"], ["-m", "asking"]])
+def test_a_script_without_a_main_part_runs_once_and_its_processes_work(how, tmp_path):
     (tmp_path / "asking.py").write_text(
         "import math\nfrom rigtwin.compare.worker_processes import spawned\n"
-        "with spawned(1) as pool:\n    print(pool.submit(math.sqrt, 16.0).result(), __file__)\n"
+        "with spawned(1) as pool:\n    print(pool.submit(math.sqrt, 16.0).result(), __file__, __spec__ is None)\n"
     )
     asked = subprocess.run(
-        [sys.executable, "asking.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, *how], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False
     )
     assert (asked.returncode, asked.stderr) == (0, "")
-    assert asked.stdout.split()[0] == "4.0"
-    assert asked.stdout.count("asking.py") == 1
+    root, file, script = asked.stdout.split()
+    assert (float(root), Path(file).name, script) == (4.0, "asking.py", str(how[0] != "-m"))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

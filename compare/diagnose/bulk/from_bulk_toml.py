@@ -12,6 +12,7 @@ from rigtwin.compare.chosen import chosen
 from rigtwin.compare.diagnose.bulk.bulk_lab import BulkCondition, BulkLab, Record, Uncertain
 from rigtwin.compare.diagnose.data.from_lab_toml import not_diagnosed
 from rigtwin.compare.measure_repetitions import Measured, measuring
+from rigtwin.compare.result_files import others_before
 from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
@@ -44,6 +45,7 @@ def bulk_lab_of(
             f"{lab.path}: {bulk[0].id} holds many particles and {other} a single body; diagnose them one after the "
             "other, with --only ID."
         )
+    others_before(out, "diagnosis.json", lab.folder, [one.id for one in bulk])
     with measuring(bulk, out, workers) as pending:
         measured = pending.results(progress)
     return _lab(lab, bulk, measured, [] if only else not_diagnosed(lab, bulk))

@@ -28,7 +28,7 @@ from rigtwin.lab.errors import BadLabFile
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.file.model_file import Model
 from rigtwin.lab.input_files import LARGEST_NOTES, OUTSIDE, lies_outside, read_bytes
-from rigtwin.lab.materials import KnownContact, Material, Pair, Particle, pair
+from rigtwin.lab.materials import MOST_FRICTION, KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.rigs import DrumSettings, HopperSettings, PackingSettings, PileSettings, RigSettings
 
 UNITS = {  # endings of keys, with the factor to SI
@@ -336,7 +336,7 @@ def _coefficient(document: Mapping[str, Any], stems: Sequence[str], ends: Sequen
             continue
         if not is_number(table[key]):
             raise BadLabFile(f"{file}: contact: {key}: {table[key]!r} is not a number; correct it or leave it out.")
-        if table[key] < 0 or (stems == RESTITUTION and not 0 < table[key] <= 1):
+        if not 0 <= table[key] <= MOST_FRICTION or (stems == RESTITUTION and not 0 < table[key] <= 1):
             raise BadLabFile(f"{file}: contact: {key}: {table[key]:g} is impossible.")
         return float(table[key])
     return None

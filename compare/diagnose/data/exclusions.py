@@ -6,7 +6,6 @@ release of a bead that moves in the hand, and repetitions without motion.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +22,8 @@ SIDE = 5  # rows on either side of a row, in which a parabola is fitted
 FAR = 12.0  # typical extrapolation errors above which a row is an outlier
 MOST = 0.02  # largest share of outliers; more of them are treated as noise and kept
 STAYS = 8.0  # displacement in units of the noise below which a bead has not moved
-FALLEN = 0.1  # share of a fall after which its beginning is computed as that of a free fall
+FALLEN = 0.1  # share of a fall after which its beginning is computed as that of a free fall; no hand lowers as fast
+LOW = 0.3  # share of the height of a fall below which the bead rises again only from the plate
 LISTED = 3  # largest number of tracks with missing positions that are listed by name
 CLEAR = 1.5  # height above the plate, in bead diameters, at which no impact is near
 
@@ -42,7 +42,11 @@ def sifted(lab: TrackedLab) -> tuple[TrackedLab, tuple[str, ...]]:
                 said.append(f"{where}: left out, nothing moved")
                 continue
             cleaned = _cleaned(lab.rig, condition, repetition, noise, where, said)
-            kept.append(_let_go(cleaned, condition, lab.gravity, noise, where, said) if lab.rig == "drop" else cleaned)
+            kept.append(
+                _cut_before_release(cleaned, condition, lab.gravity, noise, where, said)
+                if lab.rig == "drop"
+                else cleaned
+            )
             files.extend(condition.files[number : number + 1])
         if kept:
             conditions.append(replace(condition, repetitions=tuple(kept), files=tuple(files)))
@@ -101,35 +105,45 @@ def _cleaned(
     return tuple(tracks)
 
 
-def _let_go(
+def _cut_before_release(
     repetition: tuple[Track, ...], condition: Condition, gravity: float, noise: float, where: str, said: list[str]
 ) -> tuple[Track, ...]:
     """The repetition from its release on, if the bead does not rest until then."""
     (track,) = repetition
-    held = _held(track, condition.bead.radius, gravity)
+    row = release_row(track, condition.bead.radius, gravity)
     # the last row may belong to the fall already, as the moment of release is known to a frame or so
-    way = float(np.ptp(track.position[: held - 1], axis=0).max()) if held > SIDE else 0.0
+    way = float(np.ptp(track.position[: row - 1], axis=0).max()) if row > SIDE else 0.0
     if way <= STAYS * noise:
         return repetition
     said.append(
-        f"{where}: left out before the release at t = {track.time[held]:.4f} s, as the bead moves by {1e3 * way:.1f} "
+        f"{where}: left out before the release at t = {track.time[row]:.4f} s, as the bead moves by {1e3 * way:.1f} "
         "mm while it is held"
     )
-    return (_part(track, slice(held, None)),)
+    return (_part(track, slice(row, None)),)
 
 
-def _held(track: Track, radius: float, gravity: float) -> int:
-    """Number of rows before the release of a drop."""
-    height, release = track.position[:, 1], 0
-    for _ in range(2):  # the hand may lift the bead first
-        top = float(np.median(height[max(release - SIDE, 0) : max(release, SIDE)]))
-        fall = top - radius
-        low = np.flatnonzero(height < top - FALLEN * fall)
-        if fall <= 0 or not len(low):
-            return 0
-        moment = track.time[low[0]] - math.sqrt(2 * FALLEN * fall / gravity)
-        release = int(np.searchsorted(track.time, moment))
-    return release
+def release_row(track: Track, radius: float, gravity: float) -> int:
+    """Row of the release of a drop, 0 where the fall is not that of a body let go.
+
+    The first fall ends at the plate, or with the track; it began when the speed was that of a free fall through
+    `FALLEN` of the height, after which the time since the release follows from that speed.
+    """
+    time, height = track.time, track.position[:, 1]
+    top = int(np.argmax(height))
+    low = height[top:-1] - radius < LOW * (height[top] - radius)
+    rebounds = np.flatnonzero(low & (height[top + 1 :] > height[top:-1]))
+    end = top + int(rebounds[0]) if len(rebounds) else len(height) - 1
+    if end - SIDE <= SIDE:
+        return 0
+    speed = (height[: end - SIDE] - height[SIDE:end]) / (time[SIDE:end] - time[: end - SIDE])
+    half = SIDE // 2
+    above = height[half : half + len(speed)] - radius
+    slow = np.flatnonzero(speed < np.sqrt(2 * gravity * FALLEN * np.maximum(above, 0.0)))
+    if not len(slow) or slow[-1] + 2 * SIDE >= len(speed):
+        return 0
+    at = int(slow[-1])
+    moment = time[at + half] - max(speed[at], 0.0) / gravity
+    return int(np.searchsorted(time, moment))
 
 
 def _break(track: Track, condition: Condition, noise: float) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rigtwin.compare.chosen import chosen
+from rigtwin.compare.diagnose.data.exclusions import release_row
 from rigtwin.compare.diagnose.data.tilted_tracks import rolls, slides, tilted
 from rigtwin.compare.diagnose.data.tracked_lab import (
     Bead,
@@ -21,6 +22,7 @@ from rigtwin.compare.diagnose.data.tracked_lab import (
     other_rates,
 )
 from rigtwin.compare.measure_repetitions import Failure, measuring
+from rigtwin.compare.result_files import others_before
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
@@ -69,10 +71,11 @@ def tracked_lab(
             "experiments with --only ID, repeated for each."
         )
     need_repetitions(lab.path, sum(len(one.repetitions) for one in experiments))  # before measuring, which takes long
+    others_before(out, "diagnosis.json", lab.folder, [one.id for one in experiments])
     measured, failed = _measured(experiments, out, workers, progress)
     unusable = [f"{name}: {one.source.name} was left out: {one.message}" for name, one in failed]
     experiments = [
-        kept for one in experiments if (kept := _without(one, [bad.source for _, bad in failed])).repetitions
+        kept for one in experiments if (kept := _without_files(one, [bad.source for _, bad in failed])).repetitions
     ]
     if failed:
         if not experiments:
@@ -154,9 +157,11 @@ def _kind(experiment: Experiment) -> tuple[str, bool]:
 def _measured(
     experiments: Sequence[Experiment], out: Path, workers: int | None, progress: Progress
 ) -> tuple[dict[tuple[str, Path], Measurement], list[tuple[str, Failure]]]:
-    """The measurements of all repetitions that are not read from a table, by experiment and first file; the failures,
-    each with its experiment."""
-    filmed = [_without(one, [views[0] for views in one.repetitions if _is_read(one, views)]) for one in experiments]
+    """The measurements of what is not read from a table, by experiment and first file, and failures by experiment."""
+    filmed = [
+        _without_files(one, [views[0] for views in one.repetitions if _is_tracked_table(one, views)])
+        for one in experiments
+    ]
     if not any(one.repetitions for one in filmed):
         return {}, []
     with measuring([one for one in filmed if one.repetitions], out, workers) as pending:
@@ -167,12 +172,12 @@ def _measured(
     )
 
 
-def _without(experiment: Experiment, first: Sequence[Path]) -> Experiment:
+def _without_files(experiment: Experiment, first: Sequence[Path]) -> Experiment:
     """The experiment without the repetitions that begin with one of these files."""
     return replace(experiment, repetitions=tuple(v for v in experiment.repetitions if v[0] not in first))
 
 
-def _is_read(experiment: Experiment, views: Sequence[Path]) -> bool:
+def _is_tracked_table(experiment: Experiment, views: Sequence[Path]) -> bool:
     """Whether the positions of a repetition are read as they stand."""
     return not isinstance(experiment.rig, TiltSettings) and is_table(views[0])
 
@@ -248,7 +253,10 @@ def _condition(
     stated: float | None = None
     if isinstance(experiment.rig, DropSettings):
         stated = experiment.rig.drop_height
-        read_off = float(np.median(starts[:, 1])) - particle.diameter / 2
+        radius = particle.diameter / 2
+        rows = [release_row(track, radius, GRAVITY) for (track,) in tracks]
+        released = [track.position[max(k - 5, 0) : k + 1, 1].mean() for (track,), k in zip(tracks, rows, strict=True)]
+        read_off = float(np.median(released)) - radius
         settings["drop_height_m"] = read_off if stated is None else stated
     elif isinstance(experiment.rig, PendulumSettings):
         stated = experiment.rig.release_angle

@@ -32,7 +32,7 @@ def expect_scatter(
     size = state.local.shape[1]
     own = linear.by_soft[:, :size]
     if linear.chi2 > HOPELESS * bench.rows.size:
-        _update(bench, state, linear.soft, np.einsum("ris,rij,rjs->rs", own, np.linalg.inv(linear.a), own), most)
+        _update(bench, state, linear.soft, _variance(own, linear.a), most)
         return
     for _ in range(MOST_UPDATES):
         before = state.scatter.copy()
@@ -45,10 +45,14 @@ def expect_scatter(
         step_local, step = newton_step(unknowns, state, free, now, 0.0)
         steps = np.concatenate([step_local, np.broadcast_to(step, (len(step_local), len(step)))], axis=1)
         soft = linear.soft + np.einsum("rns,rn->rs", linear.by_soft, steps)
-        variance = np.einsum("ris,rij,rjs->rs", own, np.linalg.inv(now.a), own)
-        _update(bench, state, soft, variance, most)
+        _update(bench, state, soft, _variance(own, now.a), most)
         if np.allclose(state.scatter, before, rtol=SAME):
             break
+
+
+def _variance(own: Array, information: Array) -> Array:
+    """Variance (R, S) of the deviations, linear in the local unknowns by `own`, of which this is the information."""
+    return np.asarray(np.einsum("ris,rij,rjs->rs", own, np.linalg.inv(information), own))
 
 
 def _update(bench: Bench, state: State, soft: Array, variance: Array, most: Array) -> None:

@@ -186,6 +186,19 @@ def test_a_pendulum_swings_slower_at_large_angles_as_the_elliptic_integral_says(
     assert np.diff(swings.begin[:, 0, 0]) == pytest.approx(half, rel=2e-5)
 
 
+def test_a_trial_motion_that_becomes_nan_ends_with_the_others_and_leaves_them_alone():
+
+    def swung(*lengths):
+        push, omega = pushing(np.array([lengths]).T, np.array([1e-3]), np.array([3e-3]), G, {}, ())
+        return swing.half_swings(np.ones_like(omega), push, omega, np.full_like(omega, 2.0))
+
+    with np.errstate(invalid="ignore"):
+        both = swung(0.25, -0.1)
+    alone = swung(0.25)
+    assert np.isnan(both.begin[-1, 1, 0])
+    assert both.begin[:, 0].tolist() == alone.begin[:, 0].tolist()
+
+
 def test_dry_friction_takes_the_same_angle_from_every_swing():
     moment, length, mass = 2e-6, 0.25, 2e-4
     values = {"pivot_friction.moment": np.array([moment])}

@@ -49,6 +49,11 @@ def test_a_drum_is_filled_as_the_films_show_unless_it_is_stated():
     assert filled.depth * 0.23 * math.pi / 4 * 0.1**2 * 0.6 == pytest.approx(360 * BEAD.volume)
     assert "in which 360 particles fill 0.23 as seen" in said
     assert not assumed
+    # a single layer between the walls holds about 0.53 of its volume
+    layer = round(0.53 * 0.23 * math.pi / 4 * 0.1**2 * 1.04 * BEAD.diameter / BEAD.volume)
+    one = experiment(completed(replace(drum, count=layer), *films)[0])
+    assert one.rig.depth == pytest.approx(BEAD.diameter, rel=0.05)
+    entry_of(one).check_count(one, layer)
     rig, said, assumed = completed(drum, media())
     assert (rig, said, assumed) == (drum, "", ["a depth of 50 mm", "a fill of 0.35"])
 
