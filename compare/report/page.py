@@ -58,6 +58,8 @@ class Bar:
     dot: float
     low: float
     high: float
+    beyond: tuple[bool, bool]
+    """Whether the whisker goes on beyond the left and the right end of the drawing."""
 
 
 def drawn_figures(comparison: Comparison) -> dict[str, list[FigureFile]]:
@@ -203,8 +205,9 @@ def _bar(row: Deviation, widest: float) -> Bar | None:
         return 50 + 46 * max(-1.0, min(1.0, value / widest))
 
     half = figures.half_interval(row)
-    half = half if math.isfinite(half) else widest
-    return Bar(place(row.percent_deviation), place(row.percent_deviation - half), place(row.percent_deviation + half))
+    half = half if math.isfinite(half) else math.inf
+    low, high = row.percent_deviation - half, row.percent_deviation + half
+    return Bar(place(row.percent_deviation), place(low), place(high), (low < -widest, high > widest))
 
 
 def _widest(rows: Iterable[Deviation]) -> float:

@@ -1,0 +1,25 @@
+"""The page of a comparison as text."""
+
+import json
+from dataclasses import replace
+
+from rigtwin.compare.compare_lab import provenance
+from rigtwin.compare.report.methods import methods
+from rigtwin.compare.report.page import drawn_figures, report
+from rigtwin.compare.result_files import document
+
+
+def drawn(whole, out, *rows):
+    """The page with these deviations of the first experiment alone."""
+    first, *_ = whole.outcomes
+    whole = replace(whole, outcomes=(replace(first, deviations=rows),))
+    record = json.loads(document(provenance(whole)))
+    return report(whole, record, out, drawn_figures(whole), methods(whole, record["versions"]))
+
+
+def test_an_interval_that_goes_on_beyond_its_drawing_ends_in_an_arrow(comparison, tmp_path):
+    whole = comparison()
+    row = whole.outcomes[0].deviations[0]
+    near = replace(row, percent_deviation=4.0, percent_deviation_std=0.1, coverage_factor=1.96)
+    assert 'class="beyond' not in drawn(whole, tmp_path, near)
+    assert 'class="beyond' in drawn(whole, tmp_path, replace(near, percent_deviation_std=40.0))
