@@ -45,6 +45,7 @@ ASTRAY = 0.5  # share of its deviance below which a new fit of the baseline show
 FURTHER = 2  # largest number of continuations of a leading candidate's fit that has not converged
 ROUGH = 2.0  # chi2 per coordinate above which part of the data separates the candidates
 NEARLY_ALL = 0.95  # share of the gap from which what is left may be an error of the law alone; chosen on four labs
+MOST_OF_THE_REST = 0.9  # share of the rest from which a second effect is one, as of the gap for a first
 NEAR_NOISE = 1.5  # chi2 per coordinate below which a fit describes the data but for their noise
 LOST = 20.0  # chi2 per coordinate above which a fit started from the baseline may not converge
 
@@ -299,11 +300,13 @@ class _Search:
         """Whether the further effects of `more` gain their price, or enough even if the laws of `fewer` are free.
 
         Where effects explain nearly all, but a misfit remains also with a weak one beside them, their law is off, and
-        the weak one may only follow that.
+        the weak one may only follow that, unless it closes most of what they leave.
         """
         gained = more.score - fewer.score
-        explained = fewer.fitted.per_row < (1 - NEARLY_ALL) * self.base.per_row
-        if explained and more.fitted.per_row > NEAR_NOISE and gained < SECOND_SHARE * fewer.gain:
+        left, still = fewer.fitted.per_row, more.fitted.per_row
+        explained = left < (1 - NEARLY_ALL) * self.base.per_row
+        follows = still > NEAR_NOISE and still - 1 > (1 - MOST_OF_THE_REST) * (left - 1)
+        if explained and follows and gained < SECOND_SHARE * fewer.gain:
             return False
         if gained < SECOND or gained >= price(fewer, more, self.bench.lab.rig):  # type: ignore[attr-defined]
             return gained >= SECOND
@@ -392,11 +395,12 @@ def _grown(
         grown = search.polish(grown)
         rounds.append(tuple(grown))
         more = best_of(grown)
-        if more is None or not search.earned(best, more):
-            break
-        if locate(bench, more.fitted).p < 1e-3:
+        if more is not None and more.score > best.score + SECOND and locate(bench, more.fitted).p < 1e-3:
+            # before it is judged: what the plain form of a second effect leaves may be the law of the first
             grown += search.siblings(more, candidates)
             rounds[-1], more = tuple(grown), best_of(grown) or more
+        if more is None or not search.earned(best, more):
+            break
         fewer = search.reduced(more, best)
         if fewer.score > best.score + NOTABLE and not search.earned(fewer, more):
             best, front = fewer, [fewer]  # as good with one effect fewer: grow again from that set
