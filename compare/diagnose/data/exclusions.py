@@ -23,6 +23,7 @@ FAR = 12.0  # typical extrapolation errors above which a row is an outlier
 MOST = 0.02  # largest share of outliers; more of them are treated as noise and kept
 STAYS = 8.0  # displacement in units of the noise below which a bead has not moved
 FALLEN = 0.1  # share of a fall after which its beginning is computed as that of a free fall; no hand lowers as fast
+FREELY = 1.15  # way of a free fall to a speed, over v^2 / 2 g, above which it is none; 1.2 at 0.8 g, 1.05 in air
 LOW = 0.3  # share of the height of a fall below which the bead rises again only from the plate
 LISTED = 3  # largest number of tracks with missing positions that are listed by name
 CLEAR = 1.5  # height above the plate, in bead diameters, at which no impact is near
@@ -142,8 +143,10 @@ def release_row(track: Track, radius: float, gravity: float) -> int:
     if not len(slow) or slow[-1] + 2 * SIDE >= len(speed):
         return 0
     at = int(slow[-1])
-    moment = time[at + half] - max(speed[at], 0.0) / gravity
-    return int(np.searchsorted(time, moment))
+    free = max(float(speed[at]), 0.0)
+    row = int(np.searchsorted(time, time[at + half] - free / gravity))
+    # what falls slower than freely, as in a liquid, has come further by the time that it is as fast
+    return row if height[row] - height[at + half] < FREELY * free**2 / (2 * gravity) else 0
 
 
 def _break(track: Track, condition: Condition, noise: float) -> int:

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from rigtwin.benchmarks.diagnose.independent_labs import Case, write
 from rigtwin.compare.diagnose.data.axis_checks import check_axes, check_heights
-from rigtwin.compare.diagnose.data.exclusions import sifted
+from rigtwin.compare.diagnose.data.exclusions import release_row, sifted
 from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
 from rigtwin.compare.diagnose.data.read_lab_json import read_tracked_lab
 from rigtwin.compare.diagnose.diagnose_folder import diagnose_folder, model_of
@@ -33,6 +33,7 @@ from rigtwin.compare.report.methods_text import Methods
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.model_file import Model, model_text, read_model
 from rigtwin.lab.progress import silent
+from rigtwin.lab.records import Track
 from rigtwin.sim.effects import named
 from rigtwin.sim.effects.nameless_terms import nameless
 
@@ -1050,6 +1051,14 @@ def test_a_bead_that_moves_in_the_hand_counts_from_its_release_and_one_that_rest
         at_rest.value("air_drag.drag_coefficient"), abs=2 * at_rest.std("air_drag.drag_coefficient")
     )
     assert in_hand.per_row < 1.05 * at_rest.per_row
+
+
+@pytest.mark.parametrize(("share", "found"), [(1.0, 50), (0.95, 50), (0.8, 0), (0.4, 0)])
+def test_the_release_of_a_fall_that_is_not_free_is_left_open(share, found):
+    time = np.arange(200) / 240
+    height = 0.003 + np.maximum(0.5 - share * G / 2 * np.maximum(time - 50 / 240, 0) ** 2, 0)
+    place = np.column_stack([0 * time, height]) + np.random.default_rng(2).normal(0, 1e-4, (200, 2))
+    assert release_row(Track(time, place, np.full(200, 1e-4)), 0.003, G) == pytest.approx(found, abs=2)
 
 
 def test_a_baseline_that_does_not_fit_at_all_states_the_scatter_that_its_repetitions_have(tmp_path):
