@@ -301,7 +301,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _reader_left() -> bool:
-    """Whether nobody reads stdout any more, as in `rigtwin ... | head`."""
+    """Whether no one reads stdout any more, as in `rigtwin ... | head`."""
     if not hasattr(select, "poll"):  # Windows
         return False
     stdout = select.poll()

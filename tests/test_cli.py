@@ -1098,7 +1098,7 @@ def test_each_doubt_is_stated_once(tmp_path, capsys):
     assert said.count("beads look 1.30 times as large as stated") == 1
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="a pipe whose reader has left cannot be told there")
+@pytest.mark.skipif(sys.platform == "win32", reason="a pipe whose reader has left is not noticed there")
 @pytest.mark.parametrize("asked", [["doctor", "--json"], ["measure", "pile", "view1.jpg", "--base-diameter", "90mm"]])
 def test_a_reader_of_stdout_that_leaves_is_no_fault(asked, tmp_path):
     shutil.copy(Path(__file__).parents[1] / "sample_media" / "pile" / "view1.jpg", tmp_path)
