@@ -74,10 +74,9 @@ def tracked_lab(
     others_before(out, "diagnosis.json", lab.folder, [one.id for one in experiments])
     measured, failed = _measured(experiments, out, workers, progress)
     unusable = [f"{name}: {one.source.name} was left out: {one.message}" for name, one in failed]
-    experiments = [
-        kept for one in experiments if (kept := _without_files(one, [bad.source for _, bad in failed])).repetitions
-    ]
     if failed:
+        fitting = [_without_files(one, [bad.source for name, bad in failed if name == one.id]) for one in experiments]
+        experiments = [one for one in fitting if one.repetitions]
         if not experiments:
             raise BadInput(f"{failed[0][1].source}: {failed[0][1].message}")
         need_repetitions(lab.path, sum(len(one.repetitions) for one in experiments), failed=len(failed))

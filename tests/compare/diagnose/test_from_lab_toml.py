@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from rigtwin.cli import app, run
 from rigtwin.compare.diagnose.data.axis_checks import check_axes
 from rigtwin.compare.diagnose.data.from_lab_toml import tracked_lab
+from rigtwin.compare.measure_repetitions import Failure
 from rigtwin.lab.errors import BadInput
 
 G, RADIUS, NOISE, RATE = 9.81, 0.003, 1e-4, 120
@@ -212,3 +213,22 @@ def test_a_film_that_cannot_be_measured_is_left_out_with_its_reason_and_the_tabl
     (tmp_path / "lab.toml").write_text(f"{HEAD}{drop}repetitions = {files[1:]}\n")
     with pytest.raises(BadInput, match=r"4 repetitions in all, 1 more could not be measured"):
         tracked_lab(tmp_path, [], tmp_path / "out")
+
+
+def test_a_file_that_fails_in_one_experiment_stays_in_another_where_it_was_measured(tmp_path, monkeypatch):
+    from rigtwin.compare.diagnose.data import from_lab_toml
+
+    flat = write_lab(tmp_path, "roll", rolling, {"one": math.radians(4), "two": math.radians(4)})
+    text = (flat / "lab.toml").read_text()
+    (flat / "lab.toml").write_text(text.replace("two-0.csv", "one-0.csv"))
+    honest = from_lab_toml._measured
+
+    def failing(*asked):
+        found, failed = honest(*asked)
+        (key,) = [key for key in found if key[0] == "one" and key[1].name == "one-0.csv"]
+        del found[key]
+        return found, [*failed, ("one", Failure(key[1], "it is blurred"))]
+
+    monkeypatch.setattr(from_lab_toml, "_measured", failing)
+    one, two = tracked_lab(flat, [], tmp_path / "out").conditions
+    assert (len(one.repetitions), len(two.repetitions)) == (4, 5)
