@@ -307,7 +307,7 @@ def _reader_left() -> bool:
     stdout = select.poll()
     stdout.register(1, select.POLLOUT)
     broken = any(state & select.POLLERR for _, state in stdout.poll(0))
-    return broken or os.path.sameopenfile(1, os.open(os.devnull, os.O_RDONLY))  # rich has turned to the latter
+    return broken or os.path.samestat(os.fstat(1), Path(os.devnull).stat())  # rich has turned to the latter
 
 
 def _interrupted(as_json: bool) -> int:

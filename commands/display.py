@@ -502,7 +502,7 @@ def _show_quantities(console: Console, heading: str, quantities: Sequence[Quanti
 
 
 def _each_once(reasons: Sequence[str]) -> list[str]:
-    """The reasons without repetition: of one that begins with another one only the rest."""
+    """Each reason once; where it continues another reason, only what it adds."""
     said: list[str] = []
     for reason in dict.fromkeys(filter(None, reasons)):
         before = max((one for one in reasons if one and reason.startswith(f"{one}; ")), key=len, default="")

@@ -321,16 +321,12 @@ def measure_hopper(
     of_check = {"--depth": depth, "--bead-density": bead_density, "--total-mass": total_mass}
     missing = [option for option, value in of_check.items() if value is None]
     stated = [option for option, value in of_check.items() if value is not None and option != "--total-mass"]
+    serve, them = ("serves", "it") if len(stated) == 1 else ("serve", "them")
+    check = f"measure hopper: {' and '.join(stated)} {serve} to check the"
     if stated and is_table(clip):
-        raise BadInput(
-            f"measure hopper: {' and '.join(stated)} serve{'s' if len(stated) == 1 else ''} to check the mass against "
-            f"the bed in a film, and {clip} is a table; leave {'it' if len(stated) == 1 else 'them'} out."
-        )
+        raise BadInput(f"{check} mass against the bed in a film, and {clip} is a table; leave {them} out.")
     if stated and missing:
-        raise BadInput(
-            f"measure hopper: {' and '.join(stated)} serve{'s' if len(stated) == 1 else ''} to check the stated mass; "
-            f"give {' and '.join(missing)} too, or leave {'it' if len(stated) == 1 else 'them'} out."
-        )
+        raise BadInput(f"{check} stated mass; give {' and '.join(missing)} too, or leave {them} out.")
     return partial(
         hopper.measure,
         clip,

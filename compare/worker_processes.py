@@ -16,8 +16,6 @@ from typing import Any
 from rigtwin.lab.errors import BadInput, WorkerEnded
 
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-
 _STARTING = threading.RLock()
 
 

@@ -176,7 +176,9 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
         return rig.count or (count if self.takes_count(experiment) else None)
 
     def needs_measurement(self, experiment: Experiment) -> bool:
-        return bool(experiment.repetitions) and (self.takes_count(experiment) or self._takes_depth(experiment))
+        return bool(experiment.repetitions) and (
+            self.takes_count(experiment) or self._count_without_depth(experiment) is not None
+        )
 
     def completed(self, experiment: Experiment, measurements: Sequence[Measurement]) -> tuple[Experiment, str]:
         """Take the fill from the film, or, where the number of particles is stated, the depth that goes with both."""
@@ -188,20 +190,21 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
         if not seen:
             return experiment, ""
         fill = fmean(seen)
-        if rig.count is not None and self._takes_depth(experiment):
-            beads = rig.count * experiment.particle.mean_volume / PACKING
+        if (count := self._count_without_depth(experiment)) is not None:
+            beads = count * experiment.particle.mean_volume / PACKING
             thinnest = TIGHTEST * experiment.particle.diameter  # a single layer is less dense than `PACKING`
             depth = max(beads / (fill * math.pi / 4 * rig.drum_diameter**2), thinnest)
             return replace(experiment, rig=replace(rig, depth=depth)), (
-                f"a depth of {1e3 * depth:.3g} mm, in which {rig.count} particles fill {fill:.3g} as seen"
+                f"a depth of {1e3 * depth:.3g} mm, in which {count} particles fill {fill:.3g} as seen"
             )
         if not self.takes_count(experiment):
             return experiment, ""
         return replace(experiment, rig=replace(rig, fill=fill)), f"a fill of {fill:.3g}"
 
-    def _takes_depth(self, experiment: Experiment) -> bool:
+    def _count_without_depth(self, experiment: Experiment) -> int | None:
+        """The stated number of particles where depth and fill are left open, else None."""
         rig = self.rig(experiment)
-        return rig.count is not None and rig.depth is None and rig.fill is None
+        return rig.count if rig.depth is None and rig.fill is None else None
 
     def assumed(self, experiment: Experiment, count: int | None) -> list[str]:
         rig = self.rig(experiment)
