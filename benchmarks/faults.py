@@ -30,7 +30,8 @@ from pathlib import Path
 import av
 import psutil
 
-from rigtwin.benchmarks import fuzz
+from rigtwin.benchmarks.fuzz_cases.labs import notes
+from rigtwin.benchmarks.fuzz_cases.tables import table
 from rigtwin.benchmarks.figures import Row, report, skipped, small
 from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.run import Result
@@ -328,8 +329,8 @@ def six_tracks(folder: Path) -> Path:
     """Six tracked repetitions of a drop."""
     folder.mkdir(parents=True)
     for k in range(1, 7):
-        (folder / f"r0{k}.csv").write_text(fuzz.table().replace(",0.0,", f",{1e-4 * k},"))
-    (folder / "lab.json").write_text(fuzz.notes())
+        (folder / f"r0{k}.csv").write_text(table().replace(",0.0,", f",{1e-4 * k},"))
+    (folder / "lab.json").write_text(notes())
     return folder
 
 

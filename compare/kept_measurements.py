@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cache
@@ -24,7 +23,7 @@ from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import Mark
 from rigtwin.lab.file.lab_file import Experiment
-from rigtwin.lab.input_files import lies_outside
+from rigtwin.lab.input_files import DAMAGED, lies_outside
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.quantity import Check, Measurement, Quantity
 from rigtwin.lab.records import Profile, Series, Track
@@ -133,7 +132,7 @@ class KeptMeasurements:
             content = io.BytesIO(self._place(key, ".npz").read_bytes())  # a damaged file would stay open
             with np.load(content, allow_pickle=False) as file:
                 return _measurement(document, dict(file), views[0], self._out)
-        except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile):  # none, or damaged
+        except DAMAGED:  # or none is there
             return None
 
     def keep(self, key: str, found: Measurement | str, picture: Path | None = None) -> None:

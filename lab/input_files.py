@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import stat
+import struct
+import threading
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +18,11 @@ from rigtwin.lab.errors import BadInput, RigtwinError, UnreadableMedia
 LARGEST_NOTES = 4 * 2**20  # [bytes], of a lab.toml, lab.json or model.toml: ten thousand experiments
 LARGEST_TABLE = 128 * 2**20  # [bytes], of a table; as text cells it takes about eight times as much memory
 OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow-outside."
+DAMAGED = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, RuntimeError, struct.error, zlib.error,
+    zipfile.BadZipFile,
+)  # fmt: skip
+"""What is raised where a JSON document or an archive of arrays is damaged, or another than it should be."""
 MOST_ROWS = 1_000_000  # of a table: an hour at 240 frames per second; as text cells they take about half a gigabyte
 
 
@@ -155,6 +165,31 @@ def decoding(path: Path, what: str, advice: str, refuse: type[BadInput] = Unread
     except Exception as error:
         said = " ".join(str(error).split())[:80] or type(error).__name__
         raise refuse(f"{path}: cannot be decoded as {what} ({said}); {advice}.") from None
+
+
+_STDERR = threading.Lock()
+
+
+@contextmanager
+def unheard() -> Iterator[None]:
+    """Let C libraries write nothing to stderr; around calls that take milliseconds.
+
+    The decoders of JPEG and PNG write there what they find wrong, which no setting prevents.
+    """
+    with _STDERR:
+        try:
+            kept = os.dup(2)
+        except OSError:  # started with stderr closed
+            yield
+            return
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, 2)
+        os.close(nowhere)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def lies_outside(path: Path, folder: Path) -> bool:

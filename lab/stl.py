@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -55,6 +56,7 @@ def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
     import trimesh
 
     content = _whole(path, read_bytes(path, advice=advice, largest=LARGEST_STL), advice)
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it says of a damaged file stands below
     with decoding(path, "STL", advice, refuse=BadInput), np.errstate(all="ignore"):
         mesh = trimesh.load_mesh(io.BytesIO(content), file_type="stl", process=False)
     if not (isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)):
@@ -69,7 +71,8 @@ def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
         raise BadInput(
             f"{path}: facet {int(wrong.argmax()) + 1} has a corner that is not a finite number; export the file again."
         )
-    mesh.process(validate=False)
+    with np.errstate(all="ignore"):  # of facets far apart
+        mesh.process(validate=False)
     if not float(np.max(mesh.extents)) > 0:
         raise BadInput(f"{path}: all its corners are at one place; export it again.")
     mesh.vertices *= unit

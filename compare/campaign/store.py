@@ -13,7 +13,6 @@ import json
 import os
 import sqlite3
 import uuid
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ import numpy as np
 from rigtwin.compare.campaign.run import Result, Run, same_inputs
 from rigtwin.compare.result_files import plain
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.input_files import DAMAGED
 from rigtwin.lab.output_files import locked, remove_leftovers, replacing
 from rigtwin.lab.version import __version__
 
@@ -219,6 +219,13 @@ class Store:
         """All runs of the ledger, oldest first; results without their arrays."""
         with self._in_words():
             rows = self._ledger.execute("select * from runs order by finished, key").fetchall()
+        texts = ("key", "name", "function", "version", "state", "message", "finished")
+        for row in rows:
+            if not (all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], (int, float))):
+                raise BadInput(
+                    f"{self.folder / LEDGER}: the row of the run {row['key']!r} is damaged; delete the store, or name "
+                    "another folder."
+                )
         return [
             Kept(
                 row["key"], row["name"], row["function"], _parsed(row["settings"]), _parsed(row["inputs"]),
@@ -332,7 +339,7 @@ class Store:
             content = io.BytesIO(self._arrays(row["key"]).read_bytes())
             with np.load(content, allow_pickle=False) as file:
                 return result | {name: file[name] for name in names}
-        except (OSError, ValueError, LookupError, EOFError, zipfile.BadZipFile):
+        except DAMAGED:
             return {}
 
     def _insert(self, run: Run, state: str, result: str, message: str, seconds: float) -> None:

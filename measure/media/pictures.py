@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.lab.input_files import unheard
 from rigtwin.measure.media.container import open_container
 from rigtwin.measure.media.picture_size import must_be_small_enough
 
@@ -78,7 +79,8 @@ def still(path: Path) -> npt.NDArray[Any]:
 def decoded(stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray[Any] | None:
     """A picture that OpenCV decodes, None if it cannot."""
     try:
-        image = cv2.imdecode(stored, kind)
+        with unheard():
+            image = cv2.imdecode(stored, kind)
     except cv2.error as error:  # an assertion of its own about the header
         if error.code == NO_MEMORY:
             raise MemoryError from None
@@ -163,7 +165,9 @@ def luma(picture: av.VideoFrame, shift: int) -> GreyImage:
         component.bits == 8 for component in picture.format.components
     ):
         plane = picture.planes[0]
-        rows: GreyImage = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, plane.line_size)
+        rows: GreyImage = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(-1, abs(plane.line_size))
+        if plane.line_size < 0:  # stored from the lowest row upwards, as by Phantom cameras
+            rows = np.ascontiguousarray(rows[picture.height - 1 :: -1])
         return rows[: picture.height, : picture.width]  # a view of the decoder's memory; the array keeps it alive
     if picture.format.name in DEEP_GREY and shift < 8:
         return dropped(picture.to_ndarray(), shift)

@@ -39,6 +39,7 @@ class Film:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._reel = _Reel(path)
+        self.shape = (0, 0)  # not known yet
         try:
             with open_container(path) as container:
                 stream = first_stream(container, path, "video")
@@ -77,6 +78,11 @@ class Film:
 
     def _shown(self, picture: av.VideoFrame) -> Picture:
         grey = upright(picture, squared(luma(picture, self.shift), self.squeeze))
+        if self.shape not in ((0, 0), grey.shape):
+            raise UnreadableMedia(
+                f"{self.path}: a picture is {grey.shape[1]} x {grey.shape[0]} px and the first one {self.shape[1]} x "
+                f"{self.shape[0]} px; copy the file again, or cut out the part before it."
+            )
         return grey, colour_of(picture, self.squeeze, self.shift)
 
     def cheap(self, first: int, last: int) -> list[int]:

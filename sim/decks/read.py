@@ -11,6 +11,7 @@ import numpy as np
 
 from rigtwin.lab.custom_rig import CustomRig
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.input_files import read_bytes
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 from rigtwin.sim import custom, drum, hopper, packing
 from rigtwin.sim.decks.deck import END, RECORD, Deck
@@ -42,7 +43,8 @@ def frames(path: Path, time_step: float) -> list[Frame]:
         If the file is no such dump, ends within a frame, or times do not ascend.
     """
     found = []
-    for number, text in enumerate(path.read_text(encoding="utf-8").split("ITEM: TIMESTEP")[1:], start=1):
+    content = read_bytes(path, advice="run the deck again").decode(errors="replace")
+    for number, text in enumerate(content.split("ITEM: TIMESTEP")[1:], start=1):
         head, items, table = text.partition("ITEM: ATOMS")
         names, _, rows = table.partition("\n")
         order = names.split()

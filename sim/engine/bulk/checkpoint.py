@@ -14,12 +14,13 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import ZIP_STORED, BadZipFile, ZipFile
+from zipfile import ZIP_STORED, ZipFile
 
 import numpy as np
 import numpy.typing as npt
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.input_files import DAMAGED
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.version import __version__
 from rigtwin.sim.engine.backend import ti
@@ -152,7 +153,7 @@ class Checkpoint:
             written, digest, state = _members(self.path)
             words = json.loads(written)
             settings, course, now = words["settings"], words["course"], float(words["time_s"])
-        except (OSError, ValueError, LookupError, EOFError, TypeError, NotImplementedError, BadZipFile, RecursionError):
+        except DAMAGED:
             raise BadInput(f"{self.path} is not a checkpoint of rigtwin, or is damaged; name another file.") from None
         if settings != self._settings:
             raise BadInput(
@@ -174,7 +175,7 @@ def kept_time(path: Path) -> float | None:
     try:
         with ZipFile(path) as file:
             return float(json.loads(str(_array(file, "words.npy")))["time_s"])
-    except (OSError, ValueError, LookupError, EOFError, TypeError, NotImplementedError, BadZipFile, RecursionError):
+    except DAMAGED:
         return None  # a damaged file is reported when the run reads it
 
 

@@ -1,0 +1,114 @@
+"""An independent reading of accepted files: csv and float for tables, tomllib and pint for lab.toml and model.toml."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+HEADER = ["time_s", "x_m", "y_m"]
+SAME = 1e-9  # relative, of numbers that were converted
+
+PARTICLE = {"diameter": "m", "density": "kg/m^3"}
+MATERIAL = {"density": "kg/m^3", "youngs_modulus": "Pa", "poisson_ratio": ""}
+CONTACT = {"restitution": "", "static_friction": "", "rolling_friction": ""}
+
+
+def same_track(path: Path, document: dict[str, Any]) -> str:
+    """What of an accepted table ``time_s,x_m,y_m`` was read as another number; "" for nothing."""
+    from rigtwin.lab.tracked.read import read_tracks
+
+    text = _text(path.read_bytes())
+    ended = re.search(r"rows from line (\d+) on are another table", " ".join(document["table"]["notes"]))
+    lines = text.splitlines()[: int(ended[1]) - 1 if ended else None]
+    rows = [row for row in csv.reader(line for line in lines if line.strip() and line.lstrip()[0] not in "#%") if row]
+    rows = [[cell.strip() for cell in row] for row in rows]
+    if HEADER not in rows:  # columns of other names or units
+        return ""
+    expected = []
+    for row in rows[rows.index(HEADER) + 1 :]:
+        try:
+            numbers = [math.nan if cell == "" else float(cell) for cell in row]
+        except ValueError:
+            return f"took a row that is no row of numbers: {row}"
+        if len(numbers) != 3:
+            return f"took a row of {len(numbers)} cells"
+        if all(map(math.isfinite, numbers)):
+            expected.append(numbers)
+    tracks = read_tracks(path)
+    read = [[time, *place] for time, place in zip(tracks[0].time.tolist(), tracks[0].position.tolist(), strict=True)]
+    if len(tracks) > 1 or len(read) != len(expected) or document["table"]["points"] != len(expected):
+        return f"read {len(read)} points, and the file has {len(expected)}"
+    different = [f"{one} for {other}" for one, other in zip(read, expected, strict=True) if not _same(one, other)]
+    return f"read {different[0]}" if different else ""
+
+
+def same_settings(path: Path, document: dict[str, Any]) -> str:
+    """What of an accepted lab.toml with the particle ``bead`` was read as another number; "" for nothing."""
+    stated = tomllib.loads(_text(path.read_bytes()))
+    used = document["settings"]
+    bead = stated.get("particles", {}).get("bead", {})
+    own = stated.get("contacts", {})
+    contact = own.get("bead-steel", own.get("steel-bead", {}))
+    material = stated.get("materials", {}).get(bead.get("material", ""), {})
+    pairs = [
+        *((bead, used["particle"], name, unit) for name, unit in PARTICLE.items()),
+        *((material, used["particle"]["material"], name, unit) for name, unit in MATERIAL.items()),
+        *((contact, used["contacts"].get("bead-steel", {}), name, unit) for name, unit in CONTACT.items()),
+    ]
+    for there, here, name, unit in pairs:
+        if (wrong := _differs(there.get(name), here.get(name), unit)) != "":
+            return f"{name}: {wrong}"
+    return ""
+
+
+def same_model(path: Path) -> str:
+    """What of an accepted model.toml was read as another number; "" for nothing."""
+    from rigtwin.lab.file.model_file import read_model
+
+    stated, read = tomllib.loads(_text(path.read_bytes())), read_model(path)
+    contact = next(iter(stated.get("contacts", {}).values()), {})
+    known = next(iter(read.contacts.values()), None)
+    for name, unit in CONTACT.items():
+        if known is not None and (wrong := _differs(contact.get(name), getattr(known, name, None), unit)) != "":
+            return f"{name}: {wrong}"
+    return ""
+
+
+def _differs(stated: Any, used: Any, unit: str) -> str:
+    """How a number differs from what the file states, where that can be read."""
+    if not isinstance(stated, int | float | str) or isinstance(stated, bool) or used is None:
+        return ""
+    expected = _in_si(stated, unit)
+    return "" if expected is None or _same([float(used)], [expected]) else f"{used} for {stated!r}"
+
+
+def _in_si(stated: float | str, unit: str) -> float | None:
+    if not isinstance(stated, str):
+        return float(stated)
+    try:
+        return float(_registry().Quantity(stated).to(unit or "1").magnitude)
+    except Exception:  # pint raises errors of every kind at texts that are no quantities
+        return None
+
+
+def _same(one: list[float], other: list[float]) -> bool:
+    return all(math.isclose(a, b, rel_tol=SAME, abs_tol=1e-15) for a, b in zip(one, other, strict=True))
+
+
+def _text(data: bytes) -> str:
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252")
+
+
+@cache
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
