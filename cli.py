@@ -13,6 +13,7 @@ import select
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -242,6 +243,8 @@ def main() -> None:
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # what it says of damaged pictures stands in our sentence
     signal.signal(signal.SIGINT, _Interrupts())
+    if not sys.warnoptions:  # numbers that are no use are refused in words
+        warnings.simplefilter("ignore")
     code = run(sys.argv[1:])
     # what is left is the end of Python, which Ctrl-C may cut short, but not to change the exit code of an interrupt
     signal.signal(signal.SIGINT, signal.SIG_IGN if code == 130 else signal.SIG_DFL)
@@ -358,17 +361,23 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
 def _fail(kind: str, message: str, code: int, as_json: bool, error: Exception | None = None) -> int:
     from rigtwin.lab.errors import BadLabFile
 
-    sentence = " ".join(message.split())
+    sentence = _printable(message)
     log_file.failure(sentence, code, error)
-    faults = [" ".join(fault.split()) for fault in error.faults] if isinstance(error, BadLabFile) else []
+    faults = [_printable(fault) for fault in error.faults] if isinstance(error, BadLabFile) else []
     if as_json:
         several = {"faults": faults} if faults else {}
         print_json({"error": {"type": kind, "message": sentence, "exit_code": code, **several}})
     elif isinstance(error, BadLabFile) and faults:
-        typer.echo("\n  ".join([f"rigtwin: {error.headed}:", *faults]), err=True)
+        typer.echo("\n  ".join([f"rigtwin: {_printable(error.headed)}:", *faults]), err=True)
     else:
         typer.echo(f"rigtwin: {sentence}", err=True)
     return code
+
+
+def _printable(message: str) -> str:
+    """The message on one line; what a terminal would take as a command is escaped."""
+    line = " ".join(message.split())
+    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in line)
 
 
 def _usage(error: typer.TyperException) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -97,6 +98,16 @@ def _guard(child: subprocess.Popen[str], seconds: float, stopped: threading.Even
     return timer
 
 
+def refusals(ends: list[End]) -> dict[str, dict[str, int]]:
+    """How often each refusal was reached, by kind: its words without paths, numbers and what is quoted."""
+    found: dict[str, Counter[str]] = {}
+    for end in ends:
+        if end.code == 2:
+            words = re.sub(r"'[^']*'|\S*/\S+|[\d.+-]+(?:e[+-]?\d+)?", "_", end.said.strip())
+            found.setdefault(end.kind, Counter())[words[9:130]] += 1
+    return {kind: dict(counted.most_common()) for kind, counted in found.items()}
+
+
 def main() -> int:
     if len(sys.argv) == 3:
         run_cases(SEED, range(int(sys.argv[1]), int(sys.argv[2])), every_kind=SMOKE)
@@ -116,7 +127,7 @@ def main() -> int:
         own = [end for end in ends if end.kind == kind]
         mean, results = sum(end.seconds for end in own) / total, sum(end.code == 0 for end in own)
         rows.append(Row(f"{kind}: cases", float(total), note=f"{results} with a result, {mean:.2f} s each"))
-    return report("fuzz", rows, seed=SEED, count=COUNT, wrong=[vars(end) for end in ends if end.wrong])
+    return report("fuzz", rows, seed=SEED, count=COUNT, refusals=refusals(ends), wrong=[vars(end) for end in ends if end.wrong])
 
 
 if __name__ == "__main__":

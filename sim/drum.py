@@ -202,6 +202,8 @@ def replayed(rig: Drum, particle: Particle, frames: Sequence[Frame], *, turns: f
     _mark_halves(first.grains(particle), course)
     for frame in frames:
         _look(frame.beads(particle), frame.grains(particle), frame.time, course, rig, particle)
+    if last.time < (needed := _steady_from(rig, turns)):
+        raise BadInput(f"the record ends at {last.time:.3g} s, and the bed is steady from {needed:.3g} s on; run longer.")
     count = len(last.ident)
     return _rotation(
         rig, particle, course, last.beads(particle), last.grains(particle), count=count, turns=turns,
@@ -229,7 +231,7 @@ def _rotation(
         replace(empty, height=np.array(height), view=f"t = {when:.3f} s")
         for when, height in zip(course.times, course.heights, strict=True)
     )
-    steady_from = min(STEADY_AFTER, 0.5 * turns) * 2 * math.pi / abs(rig.speed)
+    steady_from = _steady_from(rig, turns)
     late = [profile.height for profile, when in zip(profiles, times, strict=True) if when >= steady_from]
     return Rotation(
         time=times,
@@ -247,6 +249,11 @@ def _rotation(
         assumptions=assumptions,
         warnings=warnings,
     )
+
+
+def _steady_from(rig: Drum, turns: float) -> float:
+    """Time [s] from which the slope counts as steady."""
+    return min(STEADY_AFTER, 0.5 * turns) * 2 * math.pi / abs(rig.speed)
 
 
 def checks(rig: Drum, particle: Particle, rotation: Rotation) -> tuple[Check, ...]:
@@ -550,8 +557,7 @@ def _marked(grains: Grains, course: _Course) -> tuple[Array, npt.NDArray[np.bool
     With the origin on the border no cell contains beads of both halves at the start, and the index begins at 0.
     """
     assert course.level is not None
-    marked = np.zeros(len(grains.ident), dtype=bool)
-    marked[np.searchsorted(grains.ident, course.low_at_first)] = True
+    marked = np.isin(grains.ident, course.low_at_first)
     return grains.position - np.array([0.0, 0.0, course.level]), marked
 
 

@@ -34,7 +34,7 @@ def files(rig: str) -> dict[str, str]:
     layer = [(0.0, 0.0)] + [(0.0125 * math.cos(a), 0.0125 * math.sin(a)) for a in np.arange(6) * math.pi / 3]
     places = np.array([(x, y, 0.003 + k * 0.0063) for k in range(8) for x, y in layer])[:COUNT]
     looks = [places - [0, 0, 0.02 * k if rig == "hopper" else 0] for k in range(6)]
-    every = deck.steps(0.02)
+    every = deck.steps(1.2 if rig == "drum" else 0.02)  # until the bed of a drum is steady
     dumps = {RECORD: dump([k * every for k in range(6)], looks), END: dump([5 * every], looks[-1:])}
     return {**deck.files(), **dumps}
 

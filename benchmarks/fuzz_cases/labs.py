@@ -30,6 +30,10 @@ density = "568 kg/m^3"
 restitution = 0.42
 static_friction = 0.36
 rolling_friction = 0.06
+[contacts.bead-bead]
+restitution = 0.5
+static_friction = 0.4
+rolling_friction = 0.05
 [[experiments]]
 id = "drop"
 rig = "drop"

@@ -64,6 +64,8 @@ def _exchanged(chance: Random, text: str) -> str:
     one = chance.choice(near or found)
     if one[0][0] in "-0123456789" and chance.random() < 0.6:  # another number that may be taken
         put = f"{float(one[0]) * 10 ** chance.choice((0, 0, chance.uniform(-3, 3))) + chance.gauss(0, 1e-3):.6g}"
+        if one[0].isdigit() and chance.random() < 0.7:
+            put = str(chance.choice((0, 1, 2, int(one[0]) + 1, int(one[0]) * 10, chance.randrange(100))))
     else:
         put = (chance.choice(EXTREMES), chance.choice(found)[0], "", 2 * one[0])[chance.randrange(4)]
     return text[: one.start()] + put + text[one.end() :]

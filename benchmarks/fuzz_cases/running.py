@@ -12,6 +12,7 @@ import shutil
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import asdict, dataclass
@@ -47,6 +48,7 @@ class End:
 
 def run_cases(seed: int, numbers: Sequence[int], *, every_kind: bool) -> None:
     """Run cases, with a line of JSON on stdout before and after each."""
+    warnings.simplefilter("ignore")  # as the command line does
     resource.setrlimit(resource.RLIMIT_AS, (ROOM, resource.getrlimit(resource.RLIMIT_AS)[1]))
     with os.fdopen(os.dup(1), "w") as lines, _workers_in_this_process():
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -42,20 +42,20 @@ def _damaged(chance: Random, solid: trimesh.Trimesh) -> bytes:
 def wall(chance: Random, folder: Path) -> Case:
     """A wall from an STL file."""
     path = written(folder, "cup.stl", _damaged(chance, cup()))
-    unit = chance.choice(("mm", "mm", "mm", "mm", "cm", "m", "um", "inch"))
+    unit = chance.choice(("mm",) * 9 + ("cm", "m", "um", "inch"))
     box = "-15mm,-15mm,5mm..15mm,15mm,50mm"
     if chance.random() < 0.1:
         box = in_words(chance, box).decode(errors="replace").replace("\0", "")
     rig = ["custom", "--stl", path, "--stl-unit", unit, f"--fill={box}", "--count", "5"]
     if chance.random() < SIMULATED:
         return Case(["simulate", *rig, "--duration", "0.05s", "--threads", "1", *out(folder)])
-    return Case(["export", chance.choice(("liggghts", "lammps", "yade")), *rig, *out(folder)])
+    return Case(["export", chance.choice(("liggghts",) * 8 + ("lammps", "yade")), *rig, *out(folder)])
 
 
 def grain_of_lab(chance: Random, folder: Path) -> Case:
     """A particle whose shape is an STL file."""
     written(folder, "grain.stl", _damaged(chance, grain()))
-    shape = f'stl = "grain.stl"\nstl_unit = "{chance.choice(("mm", "mm", "mm", "cm", *EXTREMES[:3]))}"\n'
-    text = LAB.replace('diameter = "6 mm"\n', shape).replace("bead-steel", "bead-bead")
+    shape = f'stl = "grain.stl"\nstl_unit = "{chance.choice(("mm",) * 9 + ("cm", *EXTREMES[:3]))}"\n'
+    text = LAB.replace('diameter = "6 mm"\n', shape)
     written(folder, "lab.toml", text)
     return Case(["export", "csv", "--lab", str(folder), "--particle", "bead", *out(folder)])

@@ -250,6 +250,8 @@ def _pixel_track(seen: Chase) -> Track:
 
 def _as_usual(seen: Chase) -> npt.NDArray[np.bool_]:
     """Whether misfit and contrast of each sighting are as in most frames, shape (n,)."""
+    if not seen.sightings:
+        return np.zeros(0, dtype=bool)
     misfits = np.array([sighting.fit.misfit for sighting in seen.sightings])
     contrasts = np.abs([sighting.image.contrast for sighting in seen.sightings])
     explained = misfits < AS_WELL * np.median(misfits)

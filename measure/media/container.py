@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import av
+import numpy as np
 
 from rigtwin.lab.errors import UnreadableMedia
 from rigtwin.lab.input_files import opened
@@ -80,11 +81,24 @@ def open_container(path: Path) -> Iterator[Any]:
                     must_have_room(path, stream.width, stream.height)
             yield container
     except av.FFmpegError as error:
+        if error.errno == errno.ENOMEM and _memory_is_there():
+            raise UnreadableMedia(
+                f"{path}: asks for more than 2 GB of memory at once, as damaged files do; copy it again."
+            ) from None
         if error.errno in SHORT_OF_MEMORY:
             raise MemoryError from error
         if (kind := kind_of(head)) and not kind.startswith(("a film", "a sound")):
             raise UnreadableMedia(f"{path}: is {kind} and no film; give a clip that a video player shows.") from None
         raise
+
+
+def _memory_is_there() -> bool:
+    """Whether there is as much memory as FFmpeg gives at most at once."""
+    try:
+        np.empty(2**31, dtype=np.uint8)
+    except MemoryError:
+        return False
+    return True
 
 
 def first_stream(container: Any, path: Path, kind: Literal["video", "audio"]) -> Any:

@@ -58,6 +58,8 @@ def frames(path: Path, time_step: float) -> list[Frame]:
         if not np.isfinite(values).all():
             raise BadInput(f"{path}: frame {number} has values that are not finite; give a smaller time step.")
         values = values[np.argsort(values[:, 0])]
+        if (np.diff(values[:, 0]) == 0).any():
+            raise BadInput(f"{path}: frame {number} has one bead twice; run the deck again.")
         found.append(Frame(step * time_step, values[:, 0].astype(np.int64) - 1, values[:, 1:4], values[:, 4:]))
     if not found:
         raise BadInput(f"{path}: holds no frames in LAMMPS's text format.")
@@ -92,11 +94,12 @@ def record_of(folder: Path, deck: Deck) -> Any:
     count, sizes = deck.scene.count, deck.scene.sizes
 
     def read(name: str) -> list[Frame]:
-        return [replace(one, sizes=sizes) for one in frames(folder / name, deck.time_step)]
+        found = frames(folder / name, deck.time_step)
+        if any(len(one.ident) and not 0 <= one.ident[0] <= one.ident[-1] < count * len(bead.radii) for one in found):
+            raise BadInput(f"{folder / name}: has other beads than the {count} of the deck; run the deck again.")
+        return [replace(one, sizes=sizes) for one in found]
 
     [*_, last] = read(END)
-    if len(last.ident) and (last.ident[-1] >= count * len(bead.radii) or last.ident[0] < 0):
-        raise BadInput(f"{folder / END}: has other beads than the {count} of the deck; run the deck again.")
     if isinstance(rig, Packing):
         return packing.replayed(rig, bead, last, asked=count, pour_rate=options.get("pour_rate"))
     if isinstance(rig, Pile):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import TypeAdapter
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
@@ -322,8 +323,17 @@ class Filling:
         ----------
         kept : dict
             A state that `kept` returned.
+
+        Raises
+        ------
+        BadInput
+            If it is none.
         """
-        vars(self).update(kept)
+        hints = get_type_hints(type(self))
+        try:
+            vars(self).update({name: TypeAdapter(hints[name]).validate_python(value) for name, value in kept.items()})
+        except (KeyError, ValueError):
+            raise BadInput("The checkpoint holds no state of this run; delete it or name another file.") from None
 
 
 @dataclass(kw_only=True)
@@ -354,7 +364,10 @@ class Course(Filling):
         """
         if "random" not in kept:
             raise BadInput("The checkpoint was written by an earlier rigtwin; delete it or name another.")
-        self.random.bit_generator.state = kept["random"]
+        try:
+            self.random.bit_generator.state = kept["random"]
+        except (KeyError, ValueError, TypeError, OverflowError):
+            raise BadInput("The checkpoint holds no state of this run; delete it or name another file.") from None
         super().go_on({name: value for name, value in kept.items() if name != "random"})
 
     def sizes(self, count: int, particle: Particle) -> Array | None:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.errors import SimulationFailed
+from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
+from rigtwin.lab.input_files import DAMAGED
 from rigtwin.lab.output_files import claimed_file
 from rigtwin.lab.units import positive
 from rigtwin.sim.output.trajectory import Trajectory, begin, write_walls
@@ -132,13 +133,24 @@ class Logbook:
         frames, course = 0, None
         if kept is not None:
             books, state = kept
-            self._bulk.restore(state)
-            self._added = self._bulk.added
-            course, frames, self._history = books["course"], books["frames"], books["history"]
-            self._supplied, self._risen, self._total, self._most_dissipated, self._work = books["energy"]
-            self.first_frame = books["first_frame"]
-            stored = books.get("computing")
-            self._computed_before = math.nan if stored is None else stored  # checkpoints of old versions lack it
+            assert self._checkpoint is not None
+            try:
+                self._bulk.restore(state)
+                self._added = self._bulk.added
+                course, frames, self._history = dict(books["course"]), int(books["frames"]), list(books["history"])
+                energies = map(float, books["energy"])
+                self._supplied, self._risen, self._total, self._most_dissipated, self._work = energies
+                first = books["first_frame"]
+                self.first_frame = None if first is None else float(first)
+                stored = books.get("computing")
+                # checkpoints of old versions lack it
+                self._computed_before = math.nan if stored is None else float(stored)
+            except RigtwinError:
+                raise
+            except DAMAGED:
+                raise BadInput(
+                    f"The checkpoint {self._checkpoint.path} holds no state of this run; delete it or name another file."
+                ) from None
         if self._film_path is not None:
             self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
             walls = self._film_path.with_name(f"{self._film_path.stem}-walls.vtk")
