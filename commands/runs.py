@@ -52,7 +52,11 @@ def runs(
             show_runs(store.rows(), as_json, quiet)
         elif action == "show":
             row = _row(store, given[0])
-            show_run(row, store.result(row.key), as_json, quiet)
+            try:
+                result = store.result(row.key)
+            except KeyError:  # of a damaged ledger
+                raise BadInput(f"{store.folder}: the ledger does not find the run {row.key!r}; delete it.") from None
+            show_run(row, result, as_json, quiet)
         elif action == "drop":
             kept = [row for row in store.rows() if row.state == "failed"] if failed else []
             dropped = {row.key: row for row in (*(_row(store, name) for name in given), *kept)}

@@ -13,7 +13,7 @@ from rigtwin.benchmarks.fuzz_cases.media import heap
 from rigtwin.benchmarks.fuzz_cases.mutations import in_words, number
 from rigtwin.benchmarks.fuzz_cases.tables import table
 
-SIMULATE = ["--drop-height", "200mm", "--restitution", "0.5", "--frame-rate", "240Hz", "--bounces", "3", "--duration", "1s"]
+SIMULATE = ["--drop-height", "200mm", "--restitution", "0.5", "--frame-rate", "240Hz", "--bounces", "3"]
 FILM = [
     *("--frame-rate", "240Hz", "--scale", "0.2mm/px", "--region", "0,0,60,48", "--start", "0f", "--end", "11f"),
     *("--exclude", "3f..4f", "--camera-roll", "1deg", "--plumb-line", "3,0,3,40", "--ignore", "0,0,4,4"),

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 HEADER = ["time_s", "x_m", "y_m"]
+MEAN = re.compile(r"([\d.]+) \+- ([\d.]+) ?([a-z]*) \(n = (\d+)\)")
+"""A stated mean, its standard deviation, its unit and the number of repetitions."""
 SAME = 1e-9  # relative, of numbers that were converted
 
 PARTICLE = {"diameter": "m", "density": "kg/m^3"}
@@ -63,6 +65,27 @@ def same_settings(path: Path, document: dict[str, Any]) -> str:
     for there, here, name, unit in pairs:
         if (wrong := _differs(there.get(name), here.get(name), unit)) != "":
             return f"{name}: {wrong}"
+    return ""
+
+
+def same_results(path: Path, document: dict[str, Any]) -> str:
+    """What of the stated results in an accepted lab.toml was read as another number; "" for nothing."""
+    stated = tomllib.loads(_text(path.read_bytes()))["experiments"]
+    for entry, experiment in zip(stated, document["experiments"], strict=True):
+        for name, given in entry.get("measured", {}).items():
+            given = given.get("value") if isinstance(given, dict) else given
+            found = MEAN.fullmatch(given) if isinstance(given, str) else None
+            read = [one for one in experiment["stated"] if one["quantity"] == name]
+            if found is None or len(read) != 1:
+                continue
+            value, scatter, unit, count = found.groups()
+            [one] = read
+            deviation = one["std_uncertainty"] * math.sqrt(int(count))
+            for text, used in ((value, one["value"]), (scatter, deviation)):
+                if (wrong := _differs(f"{text} {unit}".strip(), used, one["unit"].replace("1", ""))) != "":
+                    return f"{name}: {wrong}"
+            if one["n"] != int(count):
+                return f"{name}: n = {one['n']} for {count}"
     return ""
 
 

@@ -38,6 +38,8 @@ Direction = Callable[[Sequence[Track]], tuple[bool, str] | None]
 
 STEEPEST_TANGENT = 2.8575  # of 70.7 degrees: larger values of a slope without unit are no tangents but degrees
 
+LARGEST = 1e30  # of a number in any unit; powers of larger ones are infinite
+
 SAME_RATE = 0.005  # relative difference up to which a given frame rate and the table's times agree
 
 
@@ -665,10 +667,11 @@ def _numbers(table: Table, column: Column, rows: Sequence[int], *, gaps: bool = 
     cells = pd.Series([table.rows[k][column.index] for k in rows], dtype="str")
     numbers = np.array(pd.to_numeric(cells, errors="coerce"), dtype=np.float64)
     empty = cells.str.lower().isin(["", "nan", "na", "-"]).to_numpy(dtype=bool)
-    bad = np.flatnonzero(~np.isfinite(numbers) & ~(empty & gaps))
+    bad = np.flatnonzero(~(np.abs(numbers) < LARGEST) & ~(empty & gaps))
     if len(bad):
         cell = cells.iloc[int(bad[0])]
         what = "a finite number" if math.isinf(_float(cell)) or cell.lower() == "nan" else "a number"
+        what = f"a number below {LARGEST:g}" if np.isfinite(numbers[bad[0]]) else what
         raise BadInput(
             f"{table.path}: {column.name} holds {cell!r} in data row {rows[int(bad[0])] + 1}, which is not {what}."
         )

@@ -15,7 +15,8 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.custom_rig import CustomRig, StlWall
-from rigtwin.lab.errors import BadInput
+from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.input_files import DAMAGED
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
 from rigtwin.lab.units import positive
@@ -235,7 +236,7 @@ def read_deck(folder: Path) -> Deck:
     BadInput
         If there is none, or it is damaged.
     """
-    from pydantic import TypeAdapter
+    from pydantic import TypeAdapter, ValidationError
 
     path = folder / DESCRIPTION
     try:
@@ -257,9 +258,15 @@ def read_deck(folder: Path) -> Deck:
             notes=tuple(said.get("notes", ())),
             **{each.name: said[each.name] for each in fields(Deck) if each.name in said and each.name not in _APART},
         )
+    except RigtwinError:
+        raise
     except FileNotFoundError:
         raise BadInput(f"{folder}: there is no {DESCRIPTION}; name a folder that `rigtwin export` wrote.") from None
-    except (OSError, ValueError, LookupError, TypeError) as error:
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise BadInput(f"{path}: is damaged ({where}: {first['msg'].lower()}); export the deck again.") from error
+    except DAMAGED as error:
         raise BadInput(f"{path}: is damaged ({type(error).__name__}: {error}); export the deck again.") from error
 
 
