@@ -125,7 +125,7 @@ release-check: $(READY)
 faults: $(READY)
 	$(BIN)/python benchmarks/faults.py
 
-# SEED=7 COUNT=300 make fuzz: damaged and absurd input
+# SEED=7 COUNT=10000 make fuzz: damaged and absurd input of every kind; twenty minutes
 fuzz: $(READY)
 	$(BIN)/python benchmarks/fuzz.py
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -103,8 +102,7 @@ def refusals(ends: list[End]) -> dict[str, dict[str, int]]:
     found: dict[str, Counter[str]] = {}
     for end in ends:
         if end.code == 2:
-            words = re.sub(r"'[^']*'|\S*/\S+|[\d.+-]+(?:e[+-]?\d+)?", "_", end.said.strip())
-            found.setdefault(end.kind, Counter())[words[9:130]] += 1
+            found.setdefault(end.kind, Counter())[end.words()] += 1
     return {kind: dict(counted.most_common()) for kind, counted in found.items()}
 
 
@@ -120,8 +118,10 @@ def main() -> int:
         found = [end for end in ends if end.wrong.partition(":")[0] == reason]
         note = "; ".join(f"case {end.number}, {end.kind}: {end.wrong[-140:]}" for end in found[:3])
         rows.append(Row(name, float(len(found)), "1", 0.0, f"0 of {len(ends)}", not found, note))
-    peak = max((end.peak_mb for end in ends), default=0.0)
-    rows.append(Row("largest memory", peak, "MB", None, f"below {MEMORY:g}", peak < MEMORY))
+    most, longest = max(ends, key=lambda end: end.peak_mb), max(ends, key=lambda end: end.seconds)
+    large, long = (f"case {end.number}, {end.kind}" for end in (most, longest))
+    rows.append(Row("largest memory", most.peak_mb, "MB", None, f"below {MEMORY:g}", most.peak_mb < MEMORY, large))
+    rows.append(Row("longest case", longest.seconds, "s", None, f"below {LONGEST:g}", longest.seconds < LONGEST, long))
     rows.append(Row("mean time of a case", seconds / max(1, len(ends)), "s"))
     for kind, total in sorted(Counter(end.kind for end in ends).items()):
         own = [end for end in ends if end.kind == kind]

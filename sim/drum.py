@@ -202,8 +202,9 @@ def replayed(rig: Drum, particle: Particle, frames: Sequence[Frame], *, turns: f
     _mark_halves(first.grains(particle), course)
     for frame in frames:
         _look(frame.beads(particle), frame.grains(particle), frame.time, course, rig, particle)
-    if last.time < (needed := _steady_from(rig, turns)):
-        raise BadInput(f"the record ends at {last.time:.3g} s, and the bed is steady from {needed:.3g} s on; run longer.")
+    lasts, needed = last.time - first.time, _steady_from(rig, turns)
+    if lasts < needed:
+        raise BadInput(f"the drum turns for {lasts:.3g} s, and the bed is steady from {needed:.3g} s on; run it longer.")
     count = len(last.ident)
     return _rotation(
         rig, particle, course, last.beads(particle), last.grains(particle), count=count, turns=turns,

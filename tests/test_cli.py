@@ -1118,3 +1118,10 @@ def test_friction_beyond_that_of_any_material_is_refused(capsys):
     asked = ["simulate", "tilt", "--variant", "slide", "--static-friction", "36"]
     assert run(asked) == 2
     assert "static-friction: 36 is out of range; it must be at least 0 and at most 10" in capsys.readouterr().err
+
+
+def test_a_refusal_holds_no_sign_that_a_terminal_takes_as_a_command(tmp_path, capsys):
+    assert run(["measure", "drop", str(tmp_path / "red\x1b[31m\udc80.csv")]) == 2
+    said = capsys.readouterr().err
+    assert r"red\x1b[31m\udc80.csv: no such file" in said
+    assert said.rstrip("\n").isprintable()

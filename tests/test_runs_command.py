@@ -1,6 +1,8 @@
 """`rigtwin runs`: what a store holds is listed, shown, dropped and exported."""
 
 import json
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pandas as pd
@@ -137,3 +139,9 @@ def test_a_folder_without_a_store_is_refused(tmp_path, capsys):
     assert "is no store of runs" in refused(capsys, tmp_path)
     (tmp_path / "ledger.sqlite").write_text("not a ledger" * 100)
     assert "is not a ledger of runs" in refused(capsys, tmp_path)
+
+
+def test_a_ledger_with_a_cell_of_another_kind_is_refused(folder, capsys):
+    with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
+        ledger.execute("update runs set seconds = 'long' where name = 'bed-1'")
+    assert "is damaged; delete the store" in refused(capsys, folder)

@@ -1,4 +1,8 @@
-"""Random changes of bytes and of text."""
+"""Random changes of bytes and of text.
+
+Some changes begin at an earlier result in place of the right input: one that led to an end of its own (`keep_made`), as
+a refusal that was not seen before, so that several changes add up.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +14,49 @@ EXTREMES = (
     "\x1b[31m", "é", "½", "١", "1_0", "0x10", "true", "[]", "{}", "+5", ".5", "5.", "1,5",
 )  # fmt: skip
 NUMBERS = (0, 1, 2**7, 2**8 - 1, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
+FROM_EARLIER = 0.3  # share of changes that begin at an earlier result
+MOST_KEPT = 40  # results kept of an input
 HEAD = 512  # [bytes] of a binary file, [characters] of a text: headers decide the most
+
+
+_kept: dict[bytes, list[bytes]] = {}  # by the right input
+_made: list[tuple[bytes, bytes]] = []  # right inputs of this case, and what was made of them
+
+
+def begin() -> None:
+    """Begin a case."""
+    _made.clear()
+
+
+def keep_made() -> None:
+    """Keep what was made in this case."""
+    for whole, made in _made:
+        kept = _kept.setdefault(whole, [])
+        if made and len(kept) < MOST_KEPT:
+            kept.append(made)
 
 
 def in_bytes(chance: Random, whole: bytes) -> bytes:
     """Some bytes changed, cut out, doubled, set to an extreme number, or cut off."""
+    made = _in_bytes(chance, _start(chance, whole))
+    _made.append((whole, made))
+    return made
+
+
+def in_words(chance: Random, text: str) -> bytes:
+    """Some numbers or words exchanged, lines left out, doubled or moved; at times bytes."""
+    whole = text.encode()
+    made = _in_words(chance, _start(chance, whole).decode(errors="replace"))
+    _made.append((whole, made))
+    return made
+
+
+def _start(chance: Random, whole: bytes) -> bytes:
+    kept = _kept.get(whole)
+    return chance.choice(kept) if kept and chance.random() < FROM_EARLIER else whole
+
+
+def _in_bytes(chance: Random, whole: bytes) -> bytes:
     data = bytearray(whole)
     for _ in range(chance.choice((1, 1, 3, 20))):
         place = _place(chance, len(data))
@@ -37,12 +79,11 @@ def in_bytes(chance: Random, whole: bytes) -> bytes:
     return bytes(data)
 
 
-def in_words(chance: Random, text: str) -> bytes:
-    """Some numbers or words exchanged, lines left out, doubled or moved; at times bytes."""
+def _in_words(chance: Random, text: str) -> bytes:
     for _ in range(chance.choice((1, 1, 1, 1, 2, 5))):
         text = _moved(chance, text) if chance.random() < 0.15 else _exchanged(chance, text)
     data = text.encode("utf-8", "surrogatepass")
-    return in_bytes(chance, data) if chance.random() < 0.1 else data
+    return _in_bytes(chance, data) if chance.random() < 0.1 else data
 
 
 def number(chance: Random, unit: str = "") -> str:

@@ -21,7 +21,7 @@ from random import Random
 from typing import Any, TextIO
 
 from rigtwin.benchmarks.figures import OUT
-from rigtwin.benchmarks.fuzz_cases import kinds, labs
+from rigtwin.benchmarks.fuzz_cases import kinds, labs, mutations
 from rigtwin.benchmarks.fuzz_cases.case import Case
 
 LONGEST = 60.0  # [s], of a case
@@ -46,18 +46,29 @@ class End:
     """What is wrong with it: "", or one of the reasons in `fault`, and what was said."""
 
 
+    def words(self) -> str:
+        """The refusal without paths, numbers and what is quoted; "" for a result."""
+        text = re.sub(r"'[^']*'|\S*/\S+|[\d.+-]+(?:e[+-]?\d+)?", "_", self.said.strip())
+        return text.removeprefix("rigtwin: ")[:130] if self.code == 2 else ""
+
+
 def run_cases(seed: int, numbers: Sequence[int], *, every_kind: bool) -> None:
     """Run cases, with a line of JSON on stdout before and after each."""
     warnings.simplefilter("ignore")  # as the command line does
     resource.setrlimit(resource.RLIMIT_AS, (ROOM, resource.getrlimit(resource.RLIMIT_AS)[1]))
     with os.fdopen(os.dup(1), "w") as lines, _workers_in_this_process():
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        seen: set[tuple[str, str]] = set()
         for number in numbers:
             with tempfile.TemporaryDirectory(prefix="rigtwin-fuzz-", ignore_cleanup_errors=True) as name:
-                _run(seed, number, Path(name), every_kind, lines)
+                mutations.begin()
+                end = _run(seed, number, Path(name), every_kind, lines)
+                if (end.kind, end.words()) not in seen:
+                    seen.add((end.kind, end.words()))
+                    mutations.keep_made()
 
 
-def _run(seed: int, number: int, folder: Path, every_kind: bool, lines: TextIO) -> None:
+def _run(seed: int, number: int, folder: Path, every_kind: bool, lines: TextIO) -> End:
     chance = Random(f"{seed} {number}")
     kind, write = kinds.every(number) if every_kind else kinds.drawn(chance)
     case = write(chance, folder)
@@ -69,6 +80,7 @@ def _run(seed: int, number: int, folder: Path, every_kind: bool, lines: TextIO) 
         keep_input(folder, seed, number)
     lines.write(json.dumps(asdict(end)) + "\n")
     lines.flush()
+    return end
 
 
 def keep_input(folder: Path, seed: int, number: int) -> None:

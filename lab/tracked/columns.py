@@ -252,11 +252,11 @@ def parse_joined(texts: Sequence[str], *, name: str = "join") -> tuple[tuple[str
     Raises
     ------
     BadQuantity
-        If a text names fewer than two.
+        If a text names fewer than two, or one twice.
     """
     groups = tuple(tuple(part.strip() for part in text.split(",") if part.strip()) for text in texts)
-    if any(len(group) < 2 for group in groups):
-        raise BadQuantity(f"{name}: name the parts of a broken track like '3,7', two at least.")
+    if any(len(set(group)) < max(2, len(group)) for group in groups):
+        raise BadQuantity(f"{name}: name the parts of a broken track like '3,7', two at least and each once.")
     return groups
 
 

@@ -246,7 +246,7 @@ def _curves(plot):
     return re.findall(rb'<path d="([^"]+)"', plot)
 
 
-@pytest.mark.parametrize("damage", ["json", "npz", "pictures"])
+@pytest.mark.parametrize("damage", ["json", "npz", "packed", "pictures"])
 def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_path, measured, damage):
     out = tmp_path / "out"
     found = measure_lab(lab, out)
@@ -254,6 +254,10 @@ def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_pat
     if damage == "pictures":
         for path in found.measured[1].measurements[0].files.values():
             path.unlink(missing_ok=True)
+    elif damage == "packed":
+        for path in (out / "measured").glob("*.npz"):
+            stored = path.read_bytes()
+            path.write_bytes(stored[:60] + bytes(40) + stored[100:])
     else:
         for path in (out / "measured").glob(f"*.{damage}"):
             path.write_bytes(path.read_bytes()[:40])

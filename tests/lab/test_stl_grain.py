@@ -233,3 +233,12 @@ def test_bytes_behind_the_last_facet_do_no_harm(tmp_path):
     with (tmp_path / "grain.stl").open("ab") as file:
         file.write(b"colours of an exporter")
     assert len(read_stl(tmp_path / "grain.stl", MM).faces) == 12
+
+
+def test_the_reader_of_stl_files_writes_nothing_of_its_own_on_a_damaged_one(tmp_path, capfd):
+    box(away=True).export(tmp_path / "box.stl", file_type="stl_ascii")
+    text = (tmp_path / "box.stl").read_text()
+    (tmp_path / "box.stl").write_text(re.sub(r"vertex \S+", "vertex one", text, count=1))
+    with pytest.raises(BadInput, match="cannot be decoded as STL"):
+        read_stl(tmp_path / "box.stl", MM)
+    assert capfd.readouterr().err == ""

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.tracked.read import read_table
+from rigtwin.lab.tracked.read import read_bodies, read_table
 
 
 def test_a_table_of_more_rows_than_any_film_has_is_refused(tmp_path) -> None:
@@ -54,3 +54,9 @@ def test_a_damaged_parquet_file_is_refused(tmp_path) -> None:
         path.write_bytes(damaged)
         with suppress(BadInput):
             read_table(path)
+
+
+def test_a_number_whose_powers_are_infinite_is_refused(tmp_path) -> None:
+    (tmp_path / "a.csv").write_text("time_s,x_m,y_m\n0,0,0.1\n0.1,0,1e200\n0.2,0,0.1\n")
+    with pytest.raises(BadInput, match=r"y_m holds '1e200' in data row 2, which is not a number below 1e\+30"):
+        read_bodies(tmp_path / "a.csv")

@@ -309,3 +309,9 @@ def test_a_refusal_names_the_columns_that_were_seen(tmp_path):
     path = written(tmp_path, "Time (s),Acceleration x (m/s^2)\n0,1\n1,2\n")
     with pytest.raises(BadInput, match=r"no column for y .* 'Time \(s\)', 'Acceleration x \(m/s\^2\)'"):
         read_bodies(path, only_height=True)
+
+
+@pytest.mark.parametrize("text", ["3", "3,3", "3,7,3", ","])
+def test_a_broken_track_has_several_parts_each_of_them_once(text):
+    with pytest.raises(BadQuantity, match="two at least and each once"):
+        parse_joined([text])

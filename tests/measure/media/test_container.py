@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import socket
 import struct
+from contextlib import suppress
 from pathlib import Path
 
 import av
@@ -15,6 +16,7 @@ import tifffile
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.measure.media import container as containers
 from rigtwin.measure.media import photo as photos
 from rigtwin.measure.media.container import open_container
 from rigtwin.measure.media.photo import read_photo
@@ -185,6 +187,7 @@ def test_a_recording_without_a_possible_rate_is_refused(tmp_path, rate) -> None:
 
 @pytest.mark.parametrize("number", [errno.ENOMEM, errno.EAGAIN])
 def test_what_a_decoder_lacks_is_memory_and_no_damage(tmp_path, monkeypatch, number) -> None:
+    monkeypatch.setattr(containers, "_memory_is_there", lambda: False)
     clip = film(tmp_path / "clip.mkv")
     kind = {errno.ENOMEM: av.error.MemoryError, errno.EAGAIN: av.error.BlockingIOError}[number]
 
@@ -194,3 +197,25 @@ def test_what_a_decoder_lacks_is_memory_and_no_damage(tmp_path, monkeypatch, num
 
     with pytest.raises(MemoryError):
         fail()
+
+
+def test_a_film_that_asks_for_more_memory_than_any_needs_is_damaged(tmp_path) -> None:
+    clip = film(tmp_path / "clip.mkv")
+
+    def fail() -> None:
+        with open_container(clip):
+            raise av.error.MemoryError(errno.ENOMEM, "no room")
+
+    with pytest.raises(UnreadableMedia, match="more than 2 GB"):
+        fail()
+
+
+@pytest.mark.parametrize("ending", [".jpg", ".png"])
+def test_decoders_write_nothing_of_their_own_on_a_damaged_photo(tmp_path, capfd, ending) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64), dtype=np.uint8)
+    stored = bytearray(cv2.imencode(ending, noise)[1].tobytes())
+    stored[-600:-590] = bytes(10)
+    (tmp_path / f"view{ending}").write_bytes(stored)
+    with suppress(UnreadableMedia):
+        read_photo(tmp_path / f"view{ending}")
+    assert capfd.readouterr().err == ""

@@ -1,5 +1,6 @@
 """Clips other than ordinary video files: stills, stacks, Photron recordings, interlaced videos; photos from phones."""
 
+import struct
 from fractions import Fraction
 
 import av
@@ -309,3 +310,34 @@ def test_a_video_without_its_end_is_reported_as_broken_off(tmp_path):
     part.write_bytes(b"no video at all, but some text")
     with pytest.raises(UnreadableMedia, match="video player"):
         open_video(part, Camera(frame_rate=30.0))
+
+
+def cine(shots):
+    """A Phantom recording of 8-bit grey pictures, stored from the lowest row upwards."""
+    high, wide = shots[0].shape
+    setup = bytearray(0x1700)
+    struct.pack_into("<2sH", setup, 0x8C, b"ST", len(setup))
+    struct.pack_into("<I", setup, 0x300, 500)  # frames per second
+    first = 84 + len(setup) + 8 * len(shots)
+    head = (b"CI", 44, 0, 1, 0, len(shots), 0, len(shots), 44, 84, 84 + len(setup), 0, 0)
+    bitmap = (40, wide, high, 1, 8, 0, wide * high, 0, 0, 0, 0)
+    places = [first + k * (8 + wide * high) for k in range(len(shots))]
+    stored = b"".join(struct.pack("<II", 8, wide * high) + shot[::-1].tobytes() for shot in shots)
+    described = struct.pack("<2sHHHiIiIIIIII", *head) + struct.pack("<IiiHHIIiiII", *bitmap)
+    return described + bytes(setup) + struct.pack(f"<{len(places)}Q", *places) + stored
+
+
+def test_a_phantom_recording_of_grey_pictures_stands_upright(tmp_path):
+    shots = [ramp(k, 200).astype(np.uint8) for k in range(5)]
+    (tmp_path / "clip.cine").write_bytes(cine(shots))
+    video = open_video(tmp_path / "clip.cine", Camera())
+    assert video.times == pytest.approx(np.arange(5) / 500)
+    assert all(np.array_equal(frame.grey, shot) for frame, shot in zip(video.frames(), shots, strict=True))
+
+
+def test_a_film_whose_pictures_change_their_size_is_refused(tmp_path):
+    pictures = [np.zeros((24, 32 if k < 4 else 48), np.uint8) for k in range(8)]
+    stored = b"".join(cv2.imencode(".jpg", picture)[1].tobytes() for picture in pictures)
+    (tmp_path / "clip.mjpeg").write_bytes(stored)
+    with pytest.raises(UnreadableMedia, match="a picture is 48 x 24 px and the first one 32 x 24 px"):
+        greys(tmp_path / "clip.mjpeg")

@@ -181,8 +181,10 @@ def test_damaged_dumps_and_decks_that_did_not_run_are_refused(tmp_path):
         (dump([5, 0], np.zeros((2, 60, 3))), "backwards"),
         (dump([0], np.zeros((1, 61, 3))), "other beads"),
         (whole.replace("0.0", "nan", 1), "not finite"),
+        (whole.replace(" 60 ", " 59 ", 1), "one bead twice"),
+        (b"ITEM: TIMESTEP\n0\n\xd4\xe8", "not complete"),
     ):
-        (tmp_path / END).write_text(text)
+        (tmp_path / END).write_bytes(text if isinstance(text, bytes) else text.encode())
         with pytest.raises(BadInput, match=words):
             record_of(tmp_path, made)
     with pytest.raises(BadInput, match=r"there is no deck\.json"):
@@ -240,6 +242,35 @@ def test_an_imported_drum_shows_the_slope_of_its_bed(tmp_path):
     fall = np.polyfit(found.steady.x[seen], found.steady.height[seen], 1)[0]
     assert math.degrees(math.atan(fall)) == pytest.approx(-30, abs=1)
     assert found.mixing.value[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_an_imported_drum_that_turned_too_shortly_is_refused(tmp_path):
+    made = deck("lammps", "drum", 60)
+    write(tmp_path, made)
+    (tmp_path / RECORD).write_text(dump([0, 10], [bed()] * 2))
+    (tmp_path / END).write_text(dump([10], [bed()]))
+    with pytest.raises(BadInput, match=r"the bed is steady from 1\.57 s on"):
+        record_of(tmp_path, made)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"particle": {"diameter": "wide"}}, "diameter: input should be a valid number"),
+        ({"rig": 3}, "is damaged"),
+        ({"contacts": {}}, "is damaged"),
+    ],
+)
+def test_a_damaged_description_of_a_deck_is_refused_in_a_sentence(change, words, tmp_path, capsys):
+    write(tmp_path, deck("lammps", "packing"))
+    said = json.loads((tmp_path / "deck.json").read_text())
+    for name, value in change.items():
+        said[name] = said[name] | value if isinstance(value, dict) and value else value
+    (tmp_path / "deck.json").write_text(json.dumps(said))
+    assert run(["import", str(tmp_path)]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert "https" not in err
 
 
 GRAVEL = sized(D6, sieved([3e-3, 4e-3, 6e-3], [0.3, 0.7]))

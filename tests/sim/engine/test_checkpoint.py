@@ -451,3 +451,26 @@ def test_a_checkpoint_that_would_not_fit_into_memory_is_refused_before_it_takes_
         file.writestr("words.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + bytes(800))
     with pytest.raises(BadInput, match="not a checkpoint"):
         Checkpoint(path, {}, 1).read()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda course, state: state.update(sizes=np.arange(6)),
+        lambda course, state: state.update(sizes=np.zeros(3, dtype=int)),
+        lambda course, state: state.update(owners=state["owners"][:1]),
+        lambda course, state: state.pop("steps"),
+        lambda course, state: course.update(energy=[1.0]),
+        lambda course, state: course["course"].update(quiet="often"),
+        lambda course, state: course["course"].update(unknown=1),
+        lambda course, state: course["course"].update(random={"bit_generator": "PCG64"}),
+    ],
+)
+def test_a_checkpoint_that_holds_no_state_of_the_run_is_refused_whatever_its_checksums(change, members, tmp_path):
+    path = tmp_path / "heap.npz"
+    words = json.loads(str(members["words"]))
+    state = {name.removeprefix("state_"): array for name, array in members.items() if name.startswith("state_")}
+    change(words["course"], state)
+    Checkpoint(path, {k: v for k, v in words["settings"].items() if k != "rigtwin"}, 1).write(words["course"], state, 0)
+    with pytest.raises(BadInput, match="holds no state of this run"):
+        heap(checkpoint=path)
