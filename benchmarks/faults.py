@@ -30,9 +30,9 @@ from pathlib import Path
 import av
 import psutil
 
+from rigtwin.benchmarks.figures import Row, report, skipped, small
 from rigtwin.benchmarks.fuzz_cases.labs import notes
 from rigtwin.benchmarks.fuzz_cases.tables import table
-from rigtwin.benchmarks.figures import Row, report, skipped, small
 from rigtwin.compare.campaign.campaign import run_all
 from rigtwin.compare.campaign.run import Result
 from rigtwin.compare.campaign.store import Store

@@ -3,8 +3,8 @@
     SEED=1 COUNT=10000 python benchmarks/fuzz.py
 
 Files that are right and options are changed by chance: bytes flipped, cut, doubled, numbers made extreme, words
-exchanged (`fuzz_cases.kinds` lists the kinds).  The commands run one after the other in a process of its own, in the way
-of the command line; where that process dies or hangs, another goes on behind the case.  What an accepted table,
+exchanged (`fuzz_cases.kinds` lists the kinds).  The commands run one after the other in a process of its own, in the
+way of the command line; where that process dies or hangs, another goes on behind the case.  What an accepted table,
 lab.toml or model.toml was read as is compared with an independent reading.  Inputs of cases that ended wrongly are
 kept in out/fuzz.
 """
@@ -127,7 +127,9 @@ def main() -> int:
         own = [end for end in ends if end.kind == kind]
         mean, results = sum(end.seconds for end in own) / total, sum(end.code == 0 for end in own)
         rows.append(Row(f"{kind}: cases", float(total), note=f"{results} with a result, {mean:.2f} s each"))
-    return report("fuzz", rows, seed=SEED, count=COUNT, refusals=refusals(ends), wrong=[vars(end) for end in ends if end.wrong])
+    return report(
+        "fuzz", rows, seed=SEED, count=COUNT, refusals=refusals(ends), wrong=[vars(end) for end in ends if end.wrong]
+    )
 
 
 if __name__ == "__main__":

@@ -204,7 +204,7 @@ def replayed(rig: Drum, particle: Particle, frames: Sequence[Frame], *, turns: f
         _look(frame.beads(particle), frame.grains(particle), frame.time, course, rig, particle)
     lasts, needed = last.time - first.time, _steady_from(rig, turns)
     if lasts < needed:
-        raise BadInput(f"the drum turns for {lasts:.3g} s, and the bed is steady from {needed:.3g} s on; run it longer.")
+        raise BadInput(f"the drum turns for {lasts:.3g} s, and the bed is steady from {needed:.3g} s on; run longer.")
     count = len(last.ident)
     return _rotation(
         rig, particle, course, last.beads(particle), last.grains(particle), count=count, turns=turns,

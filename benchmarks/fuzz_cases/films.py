@@ -22,11 +22,12 @@ WIDE, HIGH, COUNT = 64, 48, 12  # [px], [px] and pictures of a film that is only
 CODECS = (
     ("mp4", "libx264", "yuv420p"), ("mp4", "mpeg4", "yuv420p"), ("mp4", "libx265", "yuv420p"),
     ("mp4", "libsvtav1", "yuv420p"), ("mov", "prores_ks", "yuv422p10le"), ("mov", "qtrle", "rgb24"),
-    ("mov", "mjpeg", "yuvj420p"), ("mov", "png", "rgb24"), ("avi", "mjpeg", "yuvj420p"), ("avi", "huffyuv", "yuv422p"),
-    ("avi", "utvideo", "yuv420p"), ("avi", "rawvideo", "bgr24"), ("avi", "cinepak", "rgb24"), ("avi", "mpeg4", "yuv420p"),
-    ("mkv", "libx264", "yuv420p"), ("mkv", "ffv1", "yuv420p"), ("mkv", "ffv1", "gray16le"), ("mkv", "rawvideo", "gray"),
-    ("webm", "libvpx", "yuv420p"), ("webm", "libvpx-vp9", "yuv420p"),
-    ("wmv", "wmv2", "yuv420p"), ("ts", "mpeg2video", "yuv420p"), ("mpg", "mpeg1video", "yuv420p"), ("flv", "flv", "yuv420p"),
+    ("mov", "mjpeg", "yuvj420p"), ("mov", "png", "rgb24"), ("avi", "mjpeg", "yuvj420p"),
+    ("avi", "huffyuv", "yuv422p"), ("avi", "utvideo", "yuv420p"), ("avi", "rawvideo", "bgr24"),
+    ("avi", "cinepak", "rgb24"), ("avi", "mpeg4", "yuv420p"), ("mkv", "libx264", "yuv420p"),
+    ("mkv", "ffv1", "yuv420p"), ("mkv", "ffv1", "gray16le"), ("mkv", "rawvideo", "gray"),
+    ("webm", "libvpx", "yuv420p"), ("webm", "libvpx-vp9", "yuv420p"), ("wmv", "wmv2", "yuv420p"),
+    ("ts", "mpeg2video", "yuv420p"), ("mpg", "mpeg1video", "yuv420p"), ("flv", "flv", "yuv420p"),
     ("gif", "gif", "gray"), ("apng", "apng", "rgb24"), ("y4m", "rawvideo", "yuv420p"),
     ("nut", "ffvhuff", "yuv420p"), ("ivf", "libvpx", "yuv420p"), ("mxf", "mpeg2video", "yuv420p"),
     ("h264", "libx264", "yuv420p"), ("mjpeg", "mjpeg", "yuvj420p"), ("3gp", "mpeg4", "yuv420p"),
@@ -35,9 +36,9 @@ FORMATS = {"mpg": "mpeg", "ts": "mpegts", "y4m": "yuv4mpegpipe", "wmv": "asf", "
 RATES = {"mpeg2video": 25, "mpeg1video": 25, "gif": 50}  # codecs that know few rates
 
 CIH = "#Camera Information Header\nRecord Rate(fps) : 240\nTotal Frame : {}\nImage Width : 64\nImage Height : 48\n"
-CIHX = """binary\0 before <cih><recordInfo><recordRate>240</recordRate></recordInfo><frameInfo><totalFrame>{}</totalFrame>
-</frameInfo><imageDataInfo><resolution><width>64</width><height>48</height></resolution><colorInfo><bit>8</bit>
-</colorInfo><effectiveBit><depth>8</depth></effectiveBit></imageDataInfo></cih> after"""
+CIHX = """binary\0 before <cih><recordInfo><recordRate>240</recordRate></recordInfo>
+<frameInfo><totalFrame>{}</totalFrame></frameInfo><imageDataInfo><resolution><width>64</width><height>48</height>
+</resolution><colorInfo><bit>8</bit></colorInfo><effectiveBit><depth>8</depth></effectiveBit></imageDataInfo></cih>."""
 
 
 @cache
@@ -138,9 +139,9 @@ def still(ending: str, number: int = 0) -> bytes:
 
 
 SOUNDS = (
-    ("click.wav", "wav", "pcm_s16le", "s16"), ("click24.wav", "wav", "pcm_s24le", "s32"), ("click.flac", "flac", "flac", "s16"),
-    ("click.mp3", "mp3", "libmp3lame", "s16p"), ("click.m4a", "ipod", "aac", "fltp"), ("click.ogg", "ogg", "libopus", "s16"),
-    ("click.aac", "adts", "aac", "fltp"),
+    ("click.wav", "wav", "pcm_s16le"), ("click24.wav", "wav", "pcm_s24le"), ("click.flac", "flac", "flac"),
+    ("click.mp3", "mp3", "libmp3lame"), ("click.m4a", "ipod", "aac"), ("click.ogg", "ogg", "libopus"),
+    ("click.aac", "adts", "aac"),
 )  # fmt: skip
 
 
@@ -150,7 +151,7 @@ def sounds() -> dict[str, bytes]:
     return {name: data for name, *how in SOUNDS if (data := _sound(*how))}
 
 
-def _sound(container_format: str, codec: str, layout: str) -> bytes:
+def _sound(container: str, codec: str) -> bytes:
     rate = 48000
     time = np.arange(rate // 2) / rate
     wave = np.random.default_rng(2).normal(0, 1e-3, len(time))
@@ -159,15 +160,15 @@ def _sound(container_format: str, codec: str, layout: str) -> bytes:
         wave += 0.7**k * np.where(time >= moment, np.exp(-after * 900) * np.sin(2 * np.pi * 4000 * after), 0)
     kept = io.BytesIO()
     try:
-        with av.open(kept, "w", format=container_format) as container:
-            stream = container.add_stream(codec, rate=rate)
+        with av.open(kept, "w", format=container) as file:
+            stream = file.add_stream(codec, rate=rate)
             stream.layout = "mono"
             whole = av.AudioFrame.from_ndarray((wave * 32767 * 0.5).astype(np.int16)[None], format="s16", layout="mono")
             whole.sample_rate = rate
-            fitting = av.AudioResampler(format=stream.format.name or layout, layout="mono", rate=rate)
+            fitting = av.AudioResampler(format=stream.format.name, layout="mono", rate=rate)
             for frame in _cut(fitting.resample(whole), stream.frame_size):
-                container.mux(stream.encode(frame))
-            container.mux(stream.encode())
+                file.mux(stream.encode(frame))
+            file.mux(stream.encode())
     except (av.FFmpegError, ValueError, OSError):
         return b""
     return kept.getvalue()

@@ -8,7 +8,6 @@ import json
 import shutil
 import sqlite3
 import tempfile
-import zipfile
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -18,7 +17,7 @@ import numpy as np
 
 from rigtwin.benchmarks.fuzz_cases.case import Case, out, written
 from rigtwin.benchmarks.fuzz_cases.labs import FILMED, LAB
-from rigtwin.benchmarks.fuzz_cases.mutations import EXTREMES, NUMBERS, in_bytes, in_words, number
+from rigtwin.benchmarks.fuzz_cases.mutations import NUMBERS, in_bytes, in_words, number
 from rigtwin.benchmarks.fuzz_cases.tables import table
 
 HEAP = ("simulate", "pile", "--base-diameter", "30mm", "--count", "6", "--threads", "1")

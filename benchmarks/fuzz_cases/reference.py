@@ -72,8 +72,8 @@ def same_results(path: Path, document: dict[str, Any]) -> str:
     """What of the stated results in an accepted lab.toml was read as another number; "" for nothing."""
     stated = tomllib.loads(_text(path.read_bytes()))["experiments"]
     for entry, experiment in zip(stated, document["experiments"], strict=True):
-        for name, given in entry.get("measured", {}).items():
-            given = given.get("value") if isinstance(given, dict) else given
+        for name, result in entry.get("measured", {}).items():
+            given = result.get("value") if isinstance(result, dict) else result
             found = MEAN.fullmatch(given) if isinstance(given, str) else None
             read = [one for one in experiment["stated"] if one["quantity"] == name]
             if found is None or len(read) != 1:

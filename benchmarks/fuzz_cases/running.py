@@ -45,7 +45,6 @@ class End:
     wrong: str
     """What is wrong with it: "", or one of the reasons in `fault`, and what was said."""
 
-
     def words(self) -> str:
         """The refusal without paths, numbers and what is quoted; "" for a result."""
         text = re.sub(r"'[^']*'|\S*/\S+|[\d.+-]+(?:e[+-]?\d+)?", "_", self.said.strip())

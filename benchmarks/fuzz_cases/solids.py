@@ -12,7 +12,7 @@ from rigtwin.benchmarks.fuzz_cases.case import Case, out, written
 from rigtwin.benchmarks.fuzz_cases.labs import LAB
 from rigtwin.benchmarks.fuzz_cases.mutations import EXTREMES, in_bytes, in_words
 
-SIMULATED = 0.03  # share of walls between which beads are simulated, which takes seconds; of the others a deck is written
+SIMULATED = 0.03  # share of walls between which beads are simulated, which takes seconds; the others go into a deck
 
 
 @cache

@@ -73,8 +73,7 @@ def exports() -> dict[str, str]:
         "kinovea.csv": '"Time";"Trajectory 1/0/X";"Trajectory 1/0/Y"\n'
         + "".join(f"{1000 * k / RATE:.2f};{x:.2f};{y:.2f}\n".replace(".", ",") for k, x, y in pixels),
         "trackpy.csv": trackpy + "".join(f"{k},{y:.3f},{x},10,2,0.1,1,9,0.1,{k},4\n" for k, x, y in pixels),
-        "trackmate.csv": spots
-        + "".join(f"ID{k},{k},0,5,{x},{y:.3f},{k / RATE:.5f},{k}\n" for k, x, y in pixels),
+        "trackmate.csv": spots + "".join(f"ID{k},{k},0,5,{x},{y:.3f},{k / RATE:.5f},{k}\n" for k, x, y in pixels),
         "trackmate.xml": tracks.format(1 / RATE, ROWS)
         + "".join(f'<detection t="{k}" x="{x}" y="{y:.3f}" z="0.0" />\n' for k, x, y in pixels)
         + "</particle>\n</Tracks>\n",
@@ -127,7 +126,9 @@ def rig_table(rig: str) -> str:
     steps = range(60)
     rows = {
         "pendulum": [f"{k / RATE:.5f},{-60 * math.cos(k / 9):.2f},{3 * math.sin(k / 9) ** 2:.2f},12,0" for k in steps],
-        "tilt": [f"{k / 60:.4f},{0.1 + max(0, k - 40) ** 2 * 1e-4:.5f},{-max(0, k - 40) ** 2 * 5e-5:.5f}" for k in steps],
+        "tilt": [
+            f"{k / 60:.4f},{0.1 + 1e-4 * max(0, k - 40) ** 2:.5f},{-5e-5 * max(0, k - 40) ** 2:.5f}" for k in steps
+        ],
         "hopper": [f"{k / 10:.2f},{min(5.0 * k, 200)}" for k in steps],
         "drum": [f"{k / 10:.2f},{30 + math.sin(k):.2f}" for k in steps],
         "pile": [f"{(k - 30) / 700:.5f},{max(0.0, 0.02 - abs(k - 30) / 1400):.5f}" for k in steps],

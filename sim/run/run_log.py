@@ -150,7 +150,8 @@ class Logbook:
                 raise
             except DAMAGED:
                 raise BadInput(
-                    f"The checkpoint {self._checkpoint.path} holds no state of this run; delete it or name another file."
+                    f"The checkpoint {self._checkpoint.path} holds no state of this run; "
+                    "delete it or name another file."
                 ) from None
         if self._film_path is not None:
             self._film = begin(self._film_path, self._bulk.kinds, self._bulk.domain, frames=frames)
