@@ -145,3 +145,9 @@ def test_a_ledger_with_a_cell_of_another_kind_is_refused(folder, capsys):
     with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
         ledger.execute("update runs set seconds = 'long' where name = 'bed-1'")
     assert "is damaged; delete the store" in refused(capsys, folder)
+
+
+def test_a_name_that_is_no_text_is_shown_as_such(folder, capsys):
+    with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
+        ledger.execute("update runs set name = cast(x'62e53f' as text) where name = 'bed-1'")
+    assert "b\ufffd?" in {one["name"] for one in document(capsys, folder)["runs"]}

@@ -94,6 +94,9 @@ def same_model(path: Path) -> str:
     from rigtwin.lab.file.model_file import read_model
 
     stated, read = tomllib.loads(_text(path.read_bytes())), read_model(path)
+    drag = stated.get("effects", {}).get("air_drag", {}).get("drag_coefficient")
+    if (wrong := _differs(drag, read.effects.get("air_drag", {}).get("drag_coefficient"), "")) != "":
+        return f"drag_coefficient: {wrong}"
     contact = next(iter(stated.get("contacts", {}).values()), {})
     known = next(iter(read.contacts.values()), None)
     for name, unit in CONTACT.items():

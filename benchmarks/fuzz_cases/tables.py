@@ -120,12 +120,22 @@ RIGS = {
 }
 
 
+def _swing(time: float) -> str:
+    """A bead on a thread of 200 mm that hits another at rest with a restitution of 0.6: x and y of both [px of 1 mm]."""
+    length, pace, highest = 200, 7.0, 0.3  # [mm], [rad/s], [rad]
+    struck = time > math.pi / (2 * pace)
+    moved = math.sin(pace * time - math.pi / 2) * highest
+    angles = (0.2 * moved, 0.8 * moved) if struck else (moved, 0.0)
+    places = [(k * 12 + length * math.sin(a), length * (1 - math.cos(a))) for k, a in enumerate(angles)]
+    return f"{time:.5f}," + ",".join(f"{value:.3f}" for place in places for value in place)
+
+
 @cache
 def rig_table(rig: str) -> str:
     """A table of another rig."""
     steps = range(60)
     rows = {
-        "pendulum": [f"{k / RATE:.5f},{-60 * math.cos(k / 9):.2f},{3 * math.sin(k / 9) ** 2:.2f},12,0" for k in steps],
+        "pendulum": [_swing(k / 120) for k in range(100)],
         "tilt": [
             f"{k / 60:.4f},{0.1 + 1e-4 * max(0, k - 40) ** 2:.5f},{-5e-5 * max(0, k - 40) ** 2:.5f}" for k in steps
         ],

@@ -86,6 +86,7 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             self._ledger = sqlite3.connect(path, timeout=PATIENCE, isolation_level=None, check_same_thread=False)
             self._ledger.row_factory = sqlite3.Row
+            self._ledger.text_factory = lambda stored: stored.decode(errors="replace")  # damaged text is shown as such
             try:
                 self._ledger.execute("pragma journal_mode = wal")
                 self._ledger.executescript(TABLES)
@@ -221,10 +222,13 @@ class Store:
             rows = self._ledger.execute("select * from runs order by finished, key").fetchall()
         texts = ("key", "name", "function", "version", "state", "message", "finished")
         for row in rows:
-            if not (all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], (int, float))):
+            known = {*texts, "settings", "inputs", "result", "seconds"} <= set(row.keys())
+            if not (
+                known and all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], (int, float))
+            ):
                 raise BadInput(
-                    f"{self.folder / LEDGER}: the row of the run {row['key']!r} is damaged; delete the store, or name "
-                    "another folder."
+                    f"{self.folder / LEDGER}: the row of the run {tuple(row)[0]!r} is damaged; delete the store, or "
+                    "name another folder."
                 )
         return [
             Kept(
@@ -381,7 +385,7 @@ class Store:
                 f"{path}: the ledger cannot be used ({error}); check its permissions and the free space, nothing that "
                 "was kept is lost."
             ) from None
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the latter of damaged names of columns
             raise BadInput(f"{path}: is not a ledger of runs ({error}); name another folder or delete it.") from None
 
 

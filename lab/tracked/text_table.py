@@ -68,7 +68,11 @@ def read_text_table(path: Path) -> Table:
     end = next((k for k in range(1, len(body)) if _begins_another(body[k - 1][0], *body[k], separator)), None)
     left_out = () if end is None else (f"rows from line {body[end][0].number} on are another table and were not read",)
     body = body[:end]
-    names, units, titles = _header(heads, width)
+    at = _names_at(heads, width)
+    for line, cells in heads[0 if at is None else at + 1 :]:
+        if not line.comment and sum(_is_number(cell, separator) for cell in cells) >= 2:  # a damaged row, no header
+            raise BadInput(f"{path}, line {line.number}: {len(cells)} cells where the table has {width}.")
+    names, units, titles = _header(heads, width, at)
     if nameless := not any(names):
         names = tuple(str(k + 1) for k in range(width))
     for line, cells in body:
@@ -166,13 +170,18 @@ def _plain_number(cell: str, separator: str) -> str:
     return quoted if _NUMBER.fullmatch(quoted) else cell
 
 
-def _header(heads: Sequence[tuple[_Line, list[str]]], width: int) -> tuple[tuple[str, ...], ...]:
-    """Names, units and titles of the columns; empty tuples where there are none."""
+def _names_at(heads: Sequence[tuple[_Line, list[str]]], width: int) -> int | None:
+    """The number of the line with the names of the columns; None where there is none."""
     full = [_padded(cells, width) for _, cells in heads]
     known = [k for k, cells in enumerate(full) if cells and _known(cells)]
-    at = known[0] if known else next((k for k in reversed(range(len(full))) if full[k]), None)
+    return known[0] if known else next((k for k in reversed(range(len(full))) if full[k]), None)
+
+
+def _header(heads: Sequence[tuple[_Line, list[str]]], width: int, at: int | None) -> tuple[tuple[str, ...], ...]:
+    """Names (in line `at`), units and titles of the columns; empty tuples where there are none."""
     if at is None:
         return ("",) * width, (), ()
+    full = [_padded(cells, width) for _, cells in heads]
     names = full[at]
     assert names is not None
     units: tuple[str, ...] = next((cells for cells in full[at + 1 :] if cells and _all_units(cells)), ())

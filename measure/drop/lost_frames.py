@@ -189,7 +189,7 @@ def _torn_at(time: Array, height: Array, degree: int, noise: float, shortest: in
     if len(time) < 2 * shortest + degree:
         return None
     whole = float(_off_curve(time[None], height, degree)[0])
-    if whole < TORN * noise:
+    if not whole > TORN * noise > 0:
         return None
     step = float(np.median(np.diff(time)))
     places = list(product(range(shortest, len(time) - shortest + 1), LOST))
@@ -197,7 +197,8 @@ def _torn_at(time: Array, height: Array, degree: int, noise: float, shortest: in
         np.array([time + lost * step * (np.arange(len(time)) >= k) for k, lost in places]), height, degree
     )
     best = int(np.argmin(scatter))
-    gain = len(time) * (whole**2 - float(scatter[best]) ** 2) / noise**2
+    least = float(scatter[best])
+    gain = len(time) * ((whole - least) / noise) * ((whole + least) / noise)
     return (*places[best], gain) if scatter[best] < whole / TORN else None
 
 

@@ -311,6 +311,14 @@ def test_a_refusal_names_the_columns_that_were_seen(tmp_path):
         read_bodies(path, only_height=True)
 
 
+@pytest.mark.parametrize("row", ["0,1,500.1,2,40", "0,1,50;0.1,2,40"])
+@pytest.mark.parametrize("head", ["t_s,x_mm,y_mm\n", ""])
+def test_a_first_row_that_lost_its_end_is_no_header(tmp_path, head, row):
+    path = written(tmp_path, head + row + "\n0.2,3,20\n0.3,4,0\n")
+    with pytest.raises(BadInput, match="5 cells where the table has 3"):
+        read_bodies(path, TableOptions(parse_columns("t=1[s],x=2[mm],y=3[mm]")))
+
+
 @pytest.mark.parametrize("text", ["3", "3,3", "3,7,3", ","])
 def test_a_broken_track_has_several_parts_each_of_them_once(text):
     with pytest.raises(BadQuantity, match="two at least and each once"):
