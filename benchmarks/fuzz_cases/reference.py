@@ -84,8 +84,8 @@ def same_results(path: Path, document: dict[str, Any]) -> str:
             for text, used in ((value, one["value"]), (scatter, deviation)):
                 if (wrong := _differs(f"{text} {unit}".strip(), used, one["unit"].replace("1", ""))) != "":
                     return f"{name}: {wrong}"
-            if one["n"] != int(count):
-                return f"{name}: n = {one['n']} for {count}"
+            if one.get("n", 1) != int(count):
+                return f"{name}: n = {one.get('n', 1)} for {count}"
     return ""
 
 

@@ -121,7 +121,7 @@ RIGS = {
 
 
 def _swing(time: float) -> str:
-    """A bead on a thread of 200 mm that hits another at rest with a restitution of 0.6: x and y of both [px of 1 mm]."""
+    """A bead on a thread of 200 mm that hits another at rest with a restitution of 0.6: x and y of both [mm]."""
     length, pace, highest = 200, 7.0, 0.3  # [mm], [rad/s], [rad]
     struck = time > math.pi / (2 * pace)
     moved = math.sin(pace * time - math.pi / 2) * highest

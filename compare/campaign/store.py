@@ -227,7 +227,7 @@ class Store:
                 known and all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], (int, float))
             ):
                 raise BadInput(
-                    f"{self.folder / LEDGER}: the row of the run {tuple(row)[0]!r} is damaged; delete the store, or "
+                    f"{self.folder / LEDGER}: the row of the run {next(iter(row))!r} is damaged; delete the store, or "
                     "name another folder."
                 )
         return [

@@ -140,7 +140,8 @@ def _fisher(
 
     Luma if its contrast-to-noise ratio is above `clear`, or that of the discriminant is not `better` times as high.
     """
-    mean = differences.mean(axis=0)
+    if len(differences) < 2 or not (mean := differences.mean(axis=0)).any():
+        return LUMA  # no direction in which the colours differ
     mix = np.linalg.solve(np.cov(differences.T) + 2 * noise, mean)
     luma = np.array([0.114, 0.587, 0.299])
 

@@ -58,6 +58,12 @@ def test_a_drop_in_picture_coordinates_needs_no_scale_for_its_restitution(tmp_pa
     assert height.std_uncertainty < 0.005
 
 
+def test_a_bead_that_never_moves_is_refused(tmp_path):
+    still = table(tmp_path / "ball.csv", "time_s,x_m,y_m", np.arange(70) / 240, np.zeros(70), np.zeros(70))
+    with pytest.raises(BadInput, match="moves up and down by 0.0 times the noise"):
+        measure_drop(still, Camera())
+
+
 def tilting(restless: float = 2e-5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time, plate angle [rad] and body [m] in the rig's axes: it slides from 22 degrees on, kinetic friction 0.3."""
     time = np.arange(0, 3.2, 0.01)
