@@ -60,7 +60,7 @@ def test_a_drop_in_picture_coordinates_needs_no_scale_for_its_restitution(tmp_pa
 
 def test_a_bead_that_never_moves_is_refused(tmp_path):
     still = table(tmp_path / "ball.csv", "time_s,x_m,y_m", np.arange(70) / 240, np.zeros(70), np.zeros(70))
-    with pytest.raises(BadInput, match="moves up and down by 0.0 times the noise"):
+    with pytest.raises(BadInput, match=r"moves up and down by 0\.0 times the noise"):
         measure_drop(still, Camera())
 
 
