@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Protocol, get_type_hints
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import TypeAdapter
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.errors import BadInput
@@ -329,6 +328,8 @@ class Filling:
         BadInput
             If it is none.
         """
+        from pydantic import TypeAdapter
+
         hints = get_type_hints(type(self))
         try:
             vars(self).update({name: TypeAdapter(hints[name]).validate_python(value) for name, value in kept.items()})

@@ -136,7 +136,6 @@ class Logbook:
             assert self._checkpoint is not None
             try:
                 self._bulk.restore(state)
-                self._bulk.grains()  # an IndexError where numbers of beads are others
                 self._added = self._bulk.added
                 course, frames, self._history = dict(books["course"]), int(books["frames"]), list(books["history"])
                 energies = map(float, books["energy"])

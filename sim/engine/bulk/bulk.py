@@ -371,6 +371,10 @@ class Bulk:
         self.steps, self._added = int(state["steps"]), int(state["added"])
         self._owners = np.asarray(state["owners"], dtype=np.int64)
         self._spheres = len(self._owners)
+        low, high = np.asarray(self._low), np.asarray(self._high)
+        place = self.grains().position  # an IndexError where numbers of beads are others
+        if not ((place >= 2 * low - high) & (place <= 2 * high - low)).all():
+            raise ValueError("a particle far outside of the domain")
 
     def remove_wall(self, wall: int) -> None:
         """Remove a wall, by its index in the order given, from the current time on."""
