@@ -58,9 +58,15 @@ class Workers:
             except OSError as error:  # the pool closes its connections if a worker ends while another is started
                 raise BrokenProcessPool("a process cannot be started") from error
 
-    def close(self) -> None:
-        """Start no more jobs, and let the processes end after the ones that run."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+    def close(self, *, wait: bool = False) -> None:
+        """Start no more jobs, and let the processes end after the ones that run.
+
+        Parameters
+        ----------
+        wait : bool
+            Whether to wait for their end.
+        """
+        self._pool.shutdown(wait=wait, cancel_futures=True)
 
 
 def need_number_of_processes(workers: object, option: str = "--workers") -> None:
@@ -129,6 +135,9 @@ def spawned(
             f"a process that {work} ended without a result, most likely because memory ran out; "
             f"close other programs and run again, or {less}."
         ) from None
+    else:
+        # Python 3.11 prints a traceback at its end if it wakes the pool while that closes its pipe
+        pool.close(wait=True)
     finally:
         pool.close()
 

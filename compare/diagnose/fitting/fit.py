@@ -191,7 +191,8 @@ def _above_zero(
 def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
     """Estimate the fit with each candidate added to `near`, by one Newton step for all of them.
 
-    Exact where the gain is small.  The scatter between impacts is kept, so the gain is not overestimated.
+    Exact where the gain is small.  Only what a candidate promises beyond the same step without it counts.  The scatter
+    between impacts is kept, so the gain is not overestimated.
     """
     joint = _Joint(bench, near, [term for term in candidates if not term.flat and term.geometry != "jitter"])
     return [
@@ -232,6 +233,8 @@ class _Joint:
         self.information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
         self.scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
         self.place = {u.name: k for k, u in enumerate(every)}
+        self.without = 0.0
+        self.without = max(self.gain(()), 0.0)  # promised without any candidate, where `near` lies in a crooked valley
 
     def gain(self, more: Sequence[Effect]) -> float:
         """Promised decrease of the deviance."""
@@ -253,7 +256,7 @@ class _Joint:
         return replace(
             near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
             robust=_robust(self.scores[:, at], inverse, tie),
-            deviance=near.deviance - lifted - float(pull @ inverse @ pull),
+            deviance=near.deviance - lifted - float(pull @ inverse @ pull) + self.without,
         )  # fmt: skip
 
 
