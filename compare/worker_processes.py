@@ -124,6 +124,8 @@ def spawned(
     pool = Workers(max(1, min(workers or os.cpu_count() or 1, jobs)))
     try:
         yield pool
+        # Python 3.11 prints a traceback at its end if it wakes the pool while that closes its pipe
+        pool.close(wait=True)
     except BaseException as error:
         # the results of running jobs are lost, so do not wait for them; a broken pool itself waits without end for a
         # process that was being started when another ended
@@ -135,9 +137,6 @@ def spawned(
             f"a process that {work} ended without a result, most likely because memory ran out; "
             f"close other programs and run again, or {less}."
         ) from None
-    else:
-        # Python 3.11 prints a traceback at its end if it wakes the pool while that closes its pipe
-        pool.close(wait=True)
     finally:
         pool.close()
 

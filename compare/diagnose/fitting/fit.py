@@ -191,14 +191,16 @@ def _above_zero(
 def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
     """Estimate the fit with each candidate added to `near`, by one Newton step for all of them.
 
-    Exact where the gain is small.  Only what a candidate promises beyond the same step without it counts.  The scatter
-    between impacts is kept, so the gain is not overestimated.
+    Exact where the gain is small.  What the same step promises without any candidate, as where `near` is not at its
+    minimum, does not count.  The scatter between impacts is kept, so the gain is not overestimated.
     """
     joint = _Joint(bench, near, [term for term in candidates if not term.flat and term.geometry != "jitter"])
-    return [
-        joint.with_terms((term,)) if term in joint.candidates else _glance(bench, (*near.terms, term), near)
-        for term in candidates
-    ]
+    shared = max(0.0, joint.gain(()))
+    found = []
+    for term in candidates:
+        one = joint.with_terms((term,)) if term in joint.candidates else _glance(bench, (*near.terms, term), near)
+        found.append(one if term.geometry == "jitter" else replace(one, deviance=one.deviance + shared))
+    return found
 
 
 def screen_pairs(bench: Bench, near: Fit, candidates: Sequence[Effect], most: int) -> list[tuple[Effect, Effect]]:
@@ -207,12 +209,13 @@ def screen_pairs(bench: Bench, near: Fit, candidates: Sequence[Effect], most: in
     Only pairs that together promise more than twice as much as the better one are returned, at most `most`.
     """
     joint = _Joint(bench, near, [term for term in candidates if not term.flat and term.geometry not in WIDENING])
-    alone = {term.name: joint.gain((term,)) for term in joint.candidates}
+    shared = max(0.0, joint.gain(()))
+    alone = {term.name: joint.gain((term,)) - shared for term in joint.candidates}
     found = []
     for one, other in itertools.combinations(joint.candidates, 2):
         if one.group != other.group:
             better = max(alone[one.name], alone[other.name], 0.0)
-            together = joint.gain((one, other))
+            together = joint.gain((one, other)) - shared
             if together > 2 * better:
                 found.append((together, one, other))
     found.sort(key=lambda pair: -pair[0])
@@ -233,8 +236,6 @@ class _Joint:
         self.information = linear.c.sum(0) - np.einsum("rlg,rlh->gh", linear.b, ab)
         self.scores = linear.g_global - np.einsum("rlg,rl->rg", ab, linear.g_local)
         self.place = {u.name: k for k, u in enumerate(every)}
-        self.without = 0.0
-        self.without = max(self.gain(()), 0.0)  # promised without any candidate, where `near` lies in a crooked valley
 
     def gain(self, more: Sequence[Effect]) -> float:
         """Promised decrease of the deviance."""
@@ -256,7 +257,7 @@ class _Joint:
         return replace(
             near, terms=terms, unknowns=unknowns, values=values + inverse @ pull, covariance=inverse,
             robust=_robust(self.scores[:, at], inverse, tie),
-            deviance=near.deviance - lifted - float(pull @ inverse @ pull) + self.without,
+            deviance=near.deviance - lifted - float(pull @ inverse @ pull),
         )  # fmt: skip
 
 
