@@ -16,6 +16,7 @@ from rigtwin.compare.deviation import (
     combine,
     deviations,
     headlines,
+    is_result,
     over_views,
     percent_deviation,
     primary_first,
@@ -530,3 +531,32 @@ def test_only_the_main_results_are_headlines():
     assert [(row.quantity, row.method) for row in headlines(rows)] == [
         ("restitution_pair", "a"), ("restitution_pair", "b"), ("angle_of_repose_geometric", "apex"),
     ]  # fmt: skip
+
+
+def test_more_repetitions_are_advised_only_where_they_would_tell():
+    def verdict(budget):
+        ones = [quantity(value, math.hypot(*budget.values()), budget=budget) for value in (0.4, 0.6)]
+        return compared(ones, [quantity(0.55, 0.001)])[0].verdict
+
+    assert verdict({"tracking": 0.001, "scale": 0.001}) == "too few repetitions to tell"
+    assert verdict({"tracking": 0.001, "scale": 0.1}) == "too uncertain to tell"
+
+
+def test_every_quantity_has_the_published_scatter_of_its_own():
+    known = {"restitution_wall": Scatter(0.1, math.inf, "walls"), "rebound_height": Scatter(0.3, math.inf, "heights")}
+    ones = [quantity(0.5, 1e-6, name=name, budget={"tracking": 1e-6}) for name in known]
+    rows = compared(ones, ones, "pile", scatter=known.__getitem__)
+    assert [row.measured_std_uncertainty for row in rows] == [pytest.approx(0.05), pytest.approx(0.15)]
+    assert [row.simulated_std_uncertainty for row in rows] == [pytest.approx(0.05), pytest.approx(0.15)]
+
+
+def test_a_result_is_the_first_number_of_its_rig_and_of_a_heap_the_mean():
+    assert is_result("restitution_pair", None)
+    assert is_result("angle_of_repose_graphical", "mean")
+    assert not is_result("angle_of_repose_graphical", "left")
+    assert not is_result("drop_height", None)
+
+
+def test_doubtful_rows_are_counted():
+    rows = compared([quantity(0.5, doubtful="blurred")], [quantity(0.5)])
+    assert summarized(rows) == "1 quantity measured and simulated: 1 are doubtful"
