@@ -14,6 +14,9 @@ docs: $(READY)
 	UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --frozen --inexact --quiet --group docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
+# compiled modules are kept: many tests start processes, each of which would compile them anew
+test smoke: export PYTHONDONTWRITEBYTECODE :=
+
 test: $(READY)
 	$(BIN)/pytest -q -n 2 --dist loadscope -m "not slow"
 

@@ -59,9 +59,15 @@ class Workers:
             except OSError as error:  # the pool closes its connections if a worker ends while another is started
                 raise BrokenProcessPool("a process cannot be started") from error
 
-    def close(self) -> None:
-        """Start no more jobs, and let the processes end after the ones that run."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+    def close(self, *, wait: bool = False) -> None:
+        """Start no more jobs, and let the processes end after the ones that run.
+
+        Parameters
+        ----------
+        wait : bool
+            Whether to wait for their end.
+        """
+        self._pool.shutdown(wait=wait, cancel_futures=True)
 
 
 def need_number_of_processes(workers: object, option: str = "--workers") -> None:
@@ -119,6 +125,8 @@ def spawned(
     pool = Workers(max(1, min(workers or os.cpu_count() or 1, jobs)))
     try:
         yield pool
+        # Python 3.11 prints a traceback at its end if it wakes the pool while that closes its pipe
+        pool.close(wait=True)
     except BaseException as error:
         # the results of running jobs are lost, so do not wait for them; a broken pool itself waits without end for a
         # process that was being started when another ended

@@ -217,7 +217,7 @@ def calibrate_lab(
         calibration = calibration_of(search, found, predictions)
         if calibration.ambiguous and calibration.fits:
             calibration = _with_next_experiments(calibration, search, found, campaign, progress)
-    replaced = _replaced(out, calibration.best)
+    replaced = _replaced(out, parameters)
     calibration = replace(calibration, remarks=(*left_out, *calibration.remarks, *replaced))
     drawn = figures(calibration)
     text = methods(calibration, result_files.versions(LIBRARIES))
@@ -238,17 +238,18 @@ def calibrate_lab(
     return calibration
 
 
-def _replaced(out: Path, best: Mapping[str, float]) -> Iterator[str]:
-    """A remark if `out` holds a calibration of other parameters, which this one replaces."""
+def _replaced(out: Path, parameters: Sequence[Parameter]) -> Iterator[str]:
+    """A remark if `out` holds a calibration of other parameters or ranges, which this one replaces."""
     try:
-        before = json.loads((out / "calibration.json").read_text(encoding="utf-8"))["best"]
-        fitted = ", ".join(map(str, before))
-    except (OSError, ValueError, LookupError, TypeError):  # no such file, or of another kind
+        priors = json.loads((out / "calibration.json").read_text(encoding="utf-8"))["priors"]
+        before = {name: (one["low"], one["high"]) for name, one in priors.items()}
+        fitted = ", ".join(f"{name} between {low:.4g} and {high:.4g}" for name, (low, high) in before.items())
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):  # no such file, or of another kind
         return
-    if set(before) != set(best):
+    if before != {one.name: (one.low, one.high) for one in parameters}:
         yield (
-            f"the calibration of {fitted} in {out} is replaced; its runs are kept in runs/, from which the earlier "
-            "command can write it again; give --out another folder to keep both"
+            f"the calibration of {fitted} (SI) in {out} is replaced; its runs are kept in runs/, from which the "
+            "earlier command can write it again; give --out another folder to keep both"
         )
 
 

@@ -166,7 +166,7 @@ def gap_rows(gap: Gap | None) -> list[dict[str, str]]:
 
 def _beside_row(one: Any) -> dict[str, str]:
     return {
-        "what": f"{one.role}: {' + '.join(one.effects)}",
+        "what": f"{one.role}: {one.title}",
         "gain": f"{one.gain:.1f}",
         "after": f"{one.gap_after:.4g}",
         "closed": "–" if one.closed is None else f"{100 * one.closed:.1f} %",

@@ -10,11 +10,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.stats import t as student_t
 
-from rigtwin.compare.deviation import combine, deviations, over_views, percent_deviation, primary_first, summarized
+from rigtwin.compare.deviation import (
+    combine,
+    deviations,
+    headlines,
+    is_result,
+    over_views,
+    percent_deviation,
+    primary_first,
+    summarized,
+)
 from rigtwin.compare.result_files import deviations_csv, document
 from rigtwin.compare.twins.registry import ENTRIES
-from rigtwin.lab.quantity import Quantity
+from rigtwin.lab.quantity import CheckLine, Quantity
 from rigtwin.lab.reference.repetition_scatter import Scatter, published_scatter
 
 sizes = st.floats(1e-3, 1e3)
@@ -425,3 +435,128 @@ def test_what_a_twin_assumes_and_why_there_is_none_stand_beside_the_number():
     assert row.note.endswith("the twin assumes a depth of 50 mm, a fill of 0.35")
     (row,) = compared([quantity(0.4)], [], without_twin="it needs the restitution")
     assert (row.verdict, row.note) == ("no twin value", "no twin: it needs the restitution")
+
+
+def test_two_repetitions_against_two_have_the_effective_degrees_of_freedom_of_the_gum():
+    """Equation G.2b of JCGM 100:2008 by hand: scatter known from one degree of freedom, a scale known well."""
+    budget = {"tracking": 0.001, "scale": 0.02}
+    ones = [quantity(value, math.hypot(*budget.values()), budget=budget) for value in (0.50, 0.54)]
+    mean = combine(ones)
+    scatter = math.sqrt(2) * 0.02  # of one repetition
+    assert (mean.std, mean.n, mean.left_out) == (pytest.approx(scatter), 2, 0)
+    assert mean.budget == {"repetition": pytest.approx(scatter / math.sqrt(2)), "scale": pytest.approx(0.02)}
+    total = math.hypot(scatter / math.sqrt(2), 0.02)
+    assert mean.std_uncertainty == pytest.approx(total)
+    assert mean.freedom == pytest.approx((total / (scatter / math.sqrt(2))) ** 4)
+    # both sides alike: variances add, each with these degrees of freedom
+    (row,) = compared(ones, ones)
+    assert row.z == 0
+    assert row.coverage_factor == pytest.approx(student_t.ppf(0.975, 2 * mean.freedom), rel=1e-6)
+
+
+def test_one_repetition_has_a_random_part_unless_its_scatter_is_known_to_be_larger():
+    one = quantity(0.5, 0.02, budget={"tracking": 0.02})
+    assert combine([one]).budget == {"random": pytest.approx(0.02)}
+    assert combine([one], Scatter(0.1, math.inf, "stated")).budget == {"repetition": pytest.approx(0.05)}
+    assert combine([one] * 2).budget == {"repetition": pytest.approx(0.02 / math.sqrt(2))}
+
+
+def test_published_and_own_scatter_are_pooled_by_their_degrees_of_freedom():
+    prior = Scatter(0.1, 3.0, "published")
+    mean = combine([quantity(value, 1e-6, budget={"tracking": 1e-6}) for value in (0.9, 1.0, 1.1)], prior)
+    pooled = math.sqrt((3 * 0.1**2 + 2 * 0.1**2) / 5)
+    assert (mean.scatter, mean.freedom) == (pytest.approx(pooled), pytest.approx(5))
+    assert mean.std_uncertainty == pytest.approx(pooled / math.sqrt(3))
+    assert mean.prior is prior
+    assert combine([quantity(1.0 + k / 100, 1e-6) for k in range(4)], prior).prior is None
+    assert combine([quantity(0.0, 0.1)], prior).scatter == 0
+
+
+def test_a_stated_mean_has_the_scatter_of_its_repetitions():
+    stated = quantity(0.5, 0.01, n=4, stated=True)
+    mean = combine([stated])
+    assert (mean.value, mean.n, mean.std, mean.std_uncertainty) == (0.5, 4, pytest.approx(0.02), pytest.approx(0.01))
+    assert mean.freedom == pytest.approx(3)
+    single = combine([quantity(0.5, 0.01, stated=True)])
+    assert (single.std, single.freedom) == (pytest.approx(0.01), math.inf)
+    prior = Scatter(0.1, math.inf, "published")
+    assert combine([stated], prior).std_uncertainty == pytest.approx(0.05 / math.sqrt(4))
+    # of a single one its own uncertainty and the scatter from repetition to repetition
+    assert combine([quantity(0.5, 0.01, stated=True)], prior).std_uncertainty == pytest.approx(math.hypot(0.01, 0.05))
+    (row,) = compared([stated], [quantity(0.5, 0.01)])
+    assert row.note.startswith("the measured value is stated in lab.toml")
+
+
+def test_notes_stand_in_their_order_with_semicolons():
+    failed = [CheckLine("scale", 0, 1, "off"), CheckLine("roll", 0, 1, "off")]
+    (row,) = compared(
+        [quantity(0.5)] * 2, [quantity(0.5, method="time")], assumed=["a depth"], seen="a fill", failed_checks=failed
+    )
+    assert row.note == (
+        "the twin takes from the media a fill; the twin assumes a depth; the twin's value is by another method: time"
+    )
+    assert row.failed_check == "scale, roll"
+
+
+def test_collisions_are_compared_with_the_same_collision():
+    def ones(*values):
+        return [
+            quantity(value, name="restitution_pair", detail={"collision": k}) for k, value in enumerate(values, start=1)
+        ]
+
+    rows = compared(ones(0.9, 0.8), ones(0.9, 0.8), "pendulum")
+    assert [(row.collision, row.percent_deviation) for row in rows] == [(1, 0.0), (2, 0.0)]
+
+
+@pytest.mark.parametrize("name", ["onset_time", "opening_time", "last_particle_time"])
+def test_no_moment_on_the_clock_of_the_film_is_compared(name):
+    assert compared([quantity(0.4, name=name, unit="s")], [quantity(0.4, name=name, unit="s")]) == ()
+
+
+def test_a_setting_that_is_not_what_was_measured_is_counted():
+    height = quantity(0.3, 0.001, "drop_height", "m", "fit")
+    (row,) = compared([height], [quantity(0.33, 0.001, "drop_height", "m", "fit")], set_from={"drop_height": "stated"})
+    assert row.verdict == "differs from the setting"
+    assert summarized([row]) == "1 quantity measured and simulated: 1 differ from the setting"
+
+
+def test_only_the_main_results_are_headlines():
+    def named(name, method, **detail):
+        return quantity(0.5, name=name, method=method, detail=detail)
+
+    several = [named("restitution_pair", method) for method in ("a", "b", "c")]
+    angles = [named("angle_of_repose_geometric", method, side="mean") for method in ("apex", "foot")]
+    later = [named("restitution_pair", "a", collision=2), named("angle_of_repose_geometric", "apex", side="left")]
+    rows = compared([*several, *angles, *later], [*several, *angles, *later])
+    assert [(row.quantity, row.method) for row in headlines(rows)] == [
+        ("restitution_pair", "a"), ("restitution_pair", "b"), ("angle_of_repose_geometric", "apex"),
+    ]  # fmt: skip
+
+
+def test_more_repetitions_are_advised_only_where_they_would_tell():
+    def verdict(budget):
+        ones = [quantity(value, math.hypot(*budget.values()), budget=budget) for value in (0.4, 0.6)]
+        return compared(ones, [quantity(0.55, 0.001)])[0].verdict
+
+    assert verdict({"tracking": 0.001, "scale": 0.001}) == "too few repetitions to tell"
+    assert verdict({"tracking": 0.001, "scale": 0.1}) == "too uncertain to tell"
+
+
+def test_every_quantity_has_the_published_scatter_of_its_own():
+    known = {"restitution_wall": Scatter(0.1, math.inf, "walls"), "rebound_height": Scatter(0.3, math.inf, "heights")}
+    ones = [quantity(0.5, 1e-6, name=name, budget={"tracking": 1e-6}) for name in known]
+    rows = compared(ones, ones, "pile", scatter=known.__getitem__)
+    assert [row.measured_std_uncertainty for row in rows] == [pytest.approx(0.05), pytest.approx(0.15)]
+    assert [row.simulated_std_uncertainty for row in rows] == [pytest.approx(0.05), pytest.approx(0.15)]
+
+
+def test_a_result_is_the_first_number_of_its_rig_and_of_a_heap_the_mean():
+    assert is_result("restitution_pair", None)
+    assert is_result("angle_of_repose_graphical", "mean")
+    assert not is_result("angle_of_repose_graphical", "left")
+    assert not is_result("drop_height", None)
+
+
+def test_doubtful_rows_are_counted():
+    rows = compared([quantity(0.5, doubtful="blurred")], [quantity(0.5)])
+    assert summarized(rows) == "1 quantity measured and simulated: 1 are doubtful"

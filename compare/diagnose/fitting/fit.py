@@ -191,13 +191,16 @@ def _above_zero(
 def screen(bench: Bench, near: Fit, candidates: Sequence[Effect]) -> list[Fit]:
     """Estimate the fit with each candidate added to `near`, by one Newton step for all of them.
 
-    Exact where the gain is small.  The scatter between impacts is kept, so the gain is not overestimated.
+    Exact where the gain is small.  What the same step promises without any candidate, as where `near` is not at its
+    minimum, does not count.  The scatter between impacts is kept, so the gain is not overestimated.
     """
     joint = _Joint(bench, near, [term for term in candidates if not term.flat and term.geometry != "jitter"])
-    return [
-        joint.with_terms((term,)) if term in joint.candidates else _glance(bench, (*near.terms, term), near)
-        for term in candidates
-    ]
+    shared = max(0.0, joint.gain(()))
+    found = []
+    for term in candidates:
+        one = joint.with_terms((term,)) if term in joint.candidates else _glance(bench, (*near.terms, term), near)
+        found.append(one if term.geometry == "jitter" else replace(one, deviance=one.deviance + shared))
+    return found
 
 
 def screen_pairs(bench: Bench, near: Fit, candidates: Sequence[Effect], most: int) -> list[tuple[Effect, Effect]]:
@@ -206,12 +209,13 @@ def screen_pairs(bench: Bench, near: Fit, candidates: Sequence[Effect], most: in
     Only pairs that together promise more than twice as much as the better one are returned, at most `most`.
     """
     joint = _Joint(bench, near, [term for term in candidates if not term.flat and term.geometry not in WIDENING])
-    alone = {term.name: joint.gain((term,)) for term in joint.candidates}
+    shared = max(0.0, joint.gain(()))
+    alone = {term.name: joint.gain((term,)) - shared for term in joint.candidates}
     found = []
     for one, other in itertools.combinations(joint.candidates, 2):
         if one.group != other.group:
             better = max(alone[one.name], alone[other.name], 0.0)
-            together = joint.gain((one, other))
+            together = joint.gain((one, other)) - shared
             if together > 2 * better:
                 found.append((together, one, other))
     found.sort(key=lambda pair: -pair[0])

@@ -126,4 +126,5 @@ def eighths(time: Array, spans: Sequence[slice]) -> tuple[Any, list[str]]:
     region = np.concatenate(
         [np.minimum((8 * (time[s] - time[s].min()) / (np.ptp(time[s]) + 1e-9)).astype(int), 7) for s in spans]
     )
-    return region, [f"eighth {k + 1} of the record" for k in range(8)]
+    order = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "last")
+    return region, [f"{which} eighth of the record" for which in order]

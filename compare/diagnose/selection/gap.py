@@ -104,6 +104,7 @@ class Beside:
 
     role: str  # "runner-up" or "placebo"
     effects: tuple[str, ...]
+    title: str
     gain: float
     gap_after: float
     closed: float | None
@@ -132,7 +133,7 @@ def beside(
         size = _size(bench, fitted, _shared_scatter(base, best))
         share = closed(sizes.before, size, sizes.noise_floor)
         names_ = tuple(term.name for term in near.terms)
-        found.append(Beside(role, names_, base.deviance - fitted.deviance, size, share))
+        found.append(Beside(role, names_, names(near.terms), base.deviance - fitted.deviance, size, share))
     return tuple(found)
 
 

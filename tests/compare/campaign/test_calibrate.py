@@ -174,10 +174,12 @@ def out(tmp_path_factory):
 @pytest.mark.usefixtures("in_this_process")
 def test_a_lab_of_one_bed_is_calibrated_and_the_ambiguity_is_named(lab, out, capsys):
     asked = ["calibrate", str(lab), "--budget", "17", "--fit", "static_friction", "--fit", "rolling_friction"]
-    (out / "calibration.json").write_text('{"best": {"restitution": 0.5}}')
+    ranges = {"static_friction": {"low": 0.1, "high": 0.9}, "rolling_friction": {"low": 0.001, "high": 0.1}}
+    (out / "calibration.json").write_text(json.dumps({"priors": ranges}))
     assert run([*asked, "--json", "--out", str(out)]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert any(one.startswith("the calibration of restitution in ") for one in found["remarks"])
+    (remark,) = (one for one in found["remarks"] if one.startswith("the calibration of "))
+    assert "static_friction between 0.1 and 0.9, rolling_friction between 0.001 and 0.1 (SI) in" in remark
     for name, value in {"static_friction": 0.5, "rolling_friction": 0.05}.items():
         assert found["intervals"][name]["low"] < value < found["intervals"][name]["high"]
     assert found["fits"]
