@@ -125,7 +125,7 @@ class KeptMeasurements:
             return None
         try:
             document = json.loads(self._place(key, ".json").read_text(encoding="utf-8"))
-            if not all(_is_there(one, self._out) for one in document["files"].values()):
+            if not all(_is_there(one, self._out) for one in dict(document["files"]).values()):
                 return None
             if "failed" in document:
                 return str(document["failed"])

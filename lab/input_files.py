@@ -19,10 +19,10 @@ LARGEST_NOTES = 4 * 2**20  # [bytes], of a lab.toml, lab.json or model.toml: ten
 LARGEST_TABLE = 128 * 2**20  # [bytes], of a table; as text cells it takes about eight times as much memory
 OUTSIDE = "lies outside the lab's folder; put it there, or allow it with --allow-outside."
 DAMAGED = (
-    OSError, ValueError, LookupError, TypeError, AttributeError, EOFError, RuntimeError, struct.error, zlib.error,
-    zipfile.BadZipFile,
+    OSError, ValueError, LookupError, TypeError, EOFError, RuntimeError, struct.error, zlib.error, zipfile.BadZipFile,
 )  # fmt: skip
-"""What is raised where a JSON document or an archive of arrays is damaged, or another than it should be."""
+"""What reading a JSON document or an archive of arrays raises where it is damaged; zipfile raises `RuntimeError` where
+a member is encrypted or compressed in an unknown way, json where brackets are nested too deeply."""
 MOST_ROWS = 1_000_000  # of a table: an hour at 240 frames per second; as text cells they take about half a gigabyte
 
 
@@ -171,8 +171,8 @@ _STDERR = threading.Lock()
 
 
 @contextmanager
-def unheard() -> Iterator[None]:
-    """Let C libraries write nothing to stderr; around calls that take milliseconds.
+def silenced_stderr() -> Iterator[None]:
+    """Discard what is written to stderr meanwhile, also by C libraries and other threads of this process.
 
     The decoders of JPEG and PNG write there what they find wrong, which no setting prevents.
     """
@@ -182,10 +182,10 @@ def unheard() -> Iterator[None]:
         except OSError:  # started with stderr closed
             yield
             return
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, 2)
-        os.close(nowhere)
         try:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, 2)
+            os.close(nowhere)
             yield
         finally:
             os.dup2(kept, 2)

@@ -56,7 +56,7 @@ def stl_facets(path: Path, unit: float, advice: str) -> Trimesh:
     import trimesh
 
     content = _whole(path, read_bytes(path, advice=advice, largest=LARGEST_STL), advice)
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # what it says of a damaged file stands below
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL + 1)  # a damaged file is refused in our words
     with decoding(path, "STL", advice, refuse=BadInput), np.errstate(all="ignore"):
         mesh = trimesh.load_mesh(io.BytesIO(content), file_type="stl", process=False)
     if not (isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)):

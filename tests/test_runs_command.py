@@ -144,7 +144,7 @@ def test_a_folder_without_a_store_is_refused(tmp_path, capsys):
 def test_a_ledger_with_a_cell_of_another_kind_is_refused(folder, capsys):
     with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
         ledger.execute("update runs set seconds = 'long' where name = 'bed-1'")
-    assert "is damaged; delete the store" in refused(capsys, folder)
+    assert "is damaged; put a copy of the store back" in refused(capsys, folder)
 
 
 def test_a_name_that_is_no_text_is_shown_as_such(folder, capsys):

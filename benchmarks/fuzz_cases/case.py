@@ -22,7 +22,9 @@ class Case:
 
 
 Kind = Callable[[Random, Path], Case]
-"""Writes the files of one case into a folder; everything random comes from its first argument."""
+"""Writes the files of one case into a folder.
+
+Everything random comes from its first argument, and from inputs that earlier cases of the same process have kept."""
 
 
 def written(folder: Path, name: str, data: bytes | str) -> str:

@@ -107,10 +107,12 @@ def same_model(path: Path) -> str:
 
 def _differs(stated: Any, used: Any, unit: str) -> str:
     """How a number differs from what the file states, where that can be read."""
-    if not isinstance(stated, int | float | str) or isinstance(stated, bool) or used is None:
+    if not isinstance(stated, int | float | str) or isinstance(stated, bool):
         return ""
     expected = _in_si(stated, unit)
-    return "" if expected is None or _same([float(used)], [expected]) else f"{used} for {stated!r}"
+    if expected is None or (used is not None and _same([float(used)], [expected])):
+        return ""
+    return f"{used} for {stated!r}"
 
 
 def _in_si(stated: float | str, unit: str) -> float | None:

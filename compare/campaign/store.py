@@ -227,8 +227,8 @@ class Store:
                 known and all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], (int, float))
             ):
                 raise BadInput(
-                    f"{self.folder / LEDGER}: the row of the run {next(iter(row))!r} is damaged; delete the store, or "
-                    "name another folder."
+                    f"{self.folder / LEDGER}: the row of the run {next(iter(row))!r} is damaged; put a copy of the "
+                    "store back, or name another folder."
                 )
         return [
             Kept(

@@ -38,7 +38,7 @@ Direction = Callable[[Sequence[Track]], tuple[bool, str] | None]
 
 STEEPEST_TANGENT = 2.8575  # of 70.7 degrees: larger values of a slope without unit are no tangents but degrees
 
-LARGEST = 1e30  # of a number in any unit; powers of larger ones are infinite
+LARGEST = 1e30  # of a number in any unit, far above any length or time; squares and cubes of much larger ones overflow
 
 SAME_RATE = 0.005  # relative difference up to which a given frame rate and the table's times agree
 
@@ -671,7 +671,7 @@ def _numbers(table: Table, column: Column, rows: Sequence[int], *, gaps: bool = 
     if len(bad):
         cell = cells.iloc[int(bad[0])]
         what = "a finite number" if math.isinf(_float(cell)) or cell.lower() == "nan" else "a number"
-        what = f"a number below {LARGEST:g}" if np.isfinite(numbers[bad[0]]) else what
+        what = f"a number between -{LARGEST:g} and {LARGEST:g}" if np.isfinite(numbers[bad[0]]) else what
         raise BadInput(
             f"{table.path}: {column.name} holds {cell!r} in data row {rows[int(bad[0])] + 1}, which is not {what}."
         )

@@ -83,7 +83,8 @@ def open_container(path: Path) -> Iterator[Any]:
     except av.FFmpegError as error:
         if error.errno == errno.ENOMEM and _memory_is_there():
             raise UnreadableMedia(
-                f"{path}: asks for more than 2 GB of memory at once, as damaged files do; copy it again."
+                f"{path}: FFmpeg is refused memory, as for damaged files that ask for more than 2 GB at once; copy it "
+                "again."
             ) from None
         if error.errno in SHORT_OF_MEMORY:
             raise MemoryError from error

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.errors import UnreadableMedia
-from rigtwin.lab.input_files import unheard
+from rigtwin.lab.input_files import silenced_stderr
 from rigtwin.measure.media.container import open_container
 from rigtwin.measure.media.picture_size import must_be_small_enough
 
@@ -79,7 +79,7 @@ def still(path: Path) -> npt.NDArray[Any]:
 def decoded(stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray[Any] | None:
     """A picture that OpenCV decodes, None if it cannot."""
     try:
-        with unheard():
+        with silenced_stderr():
             image = cv2.imdecode(stored, kind)
     except cv2.error as error:  # an assertion of its own about the header
         if error.code == NO_MEMORY:

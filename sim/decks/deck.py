@@ -15,7 +15,7 @@ import numpy as np
 
 from rigtwin.lab.arrays import Array
 from rigtwin.lab.custom_rig import CustomRig, StlWall
-from rigtwin.lab.errors import BadInput, RigtwinError
+from rigtwin.lab.errors import BadInput
 from rigtwin.lab.input_files import DAMAGED
 from rigtwin.lab.materials import Contact, Material, Particle
 from rigtwin.lab.rigs import Drum, Hopper, Packing, Pile
@@ -241,12 +241,13 @@ def read_deck(folder: Path) -> Deck:
     path = folder / DESCRIPTION
     try:
         said = json.loads(path.read_text(encoding="utf-8"))
-        keys = {name: value for name, value in said["rig"].items() if name != "name"}
+        keys = {name: value for name, value in dict(said["rig"]).items() if name != "name"}
         rig = TypeAdapter(RIGS[said["rig"]["name"]]).validate_python(keys)
         if isinstance(rig, CustomRig):
             here = {name: replace(wall, stl=str(folder / Path(wall.stl).name)) for name, wall in rig.walls.items()}
             rig = replace(rig, walls=here)
-        bead = {name: value for name, value in said["particle"].items() if name != "smallest"}
+        bead = {name: value for name, value in dict(said["particle"]).items() if name != "smallest"}
+        surfaces = dict(said.get("surfaces", {}))
         return Deck(
             code=said["code"],
             rig=rig,
@@ -254,18 +255,18 @@ def read_deck(folder: Path) -> Deck:
             wall=Material(**said["wall"]),
             contact=Contact(**said["contacts"]["particle-particle"]),
             wall_contact=Contact(**said["contacts"]["particle-wall"]),
-            surfaces={name: (Material(**a), Contact(**b)) for name, (a, b) in said.get("surfaces", {}).items()} or None,
+            surfaces={name: (Material(**a), Contact(**b)) for name, (a, b) in surfaces.items()} or None,
             notes=tuple(said.get("notes", ())),
             **{each.name: said[each.name] for each in fields(Deck) if each.name in said and each.name not in _APART},
         )
-    except RigtwinError:
-        raise
     except FileNotFoundError:
         raise BadInput(f"{folder}: there is no {DESCRIPTION}; name a folder that `rigtwin export` wrote.") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
-        raise BadInput(f"{path}: is damaged ({where}: {first['msg'].lower()}); export the deck again.") from error
+        raise BadInput(
+            f"{path}: is damaged ({where}: {first['msg'][:1].lower()}{first['msg'][1:]}); export the deck again."
+        ) from error
     except DAMAGED as error:
         raise BadInput(f"{path}: is damaged ({type(error).__name__}: {error}); export the deck again.") from error
 

@@ -330,9 +330,13 @@ class Filling:
         """
         from pydantic import TypeAdapter
 
-        hints = get_type_hints(type(self))
+        hints, now = get_type_hints(type(self)), {}
         try:
-            vars(self).update({name: TypeAdapter(hints[name]).validate_python(value) for name, value in kept.items()})
+            for name, value in kept.items():
+                now[name] = TypeAdapter(hints[name]).validate_python(value, strict=True)
+                if isinstance(value, float) and not math.isfinite(value):
+                    raise ValueError(f"{name} is {value}")
+            vars(self).update(now)
         except (KeyError, ValueError):
             raise BadInput("The checkpoint holds no state of this run; delete it or name another file.") from None
 

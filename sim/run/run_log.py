@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rigtwin.lab.arrays import Array
-from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
-from rigtwin.lab.input_files import DAMAGED
+from rigtwin.lab.errors import BadInput, SimulationFailed
 from rigtwin.lab.output_files import claimed_file
 from rigtwin.lab.units import positive
 from rigtwin.sim.output.trajectory import Trajectory, begin, write_walls
@@ -135,8 +134,6 @@ class Logbook:
             books, state = kept
             assert self._checkpoint is not None
             try:
-                self._bulk.restore(state)
-                self._added = self._bulk.added
                 course, frames, self._history = dict(books["course"]), int(books["frames"]), list(books["history"])
                 energies = map(float, books["energy"])
                 self._supplied, self._risen, self._total, self._most_dissipated, self._work = energies
@@ -145,9 +142,9 @@ class Logbook:
                 stored = books.get("computing")
                 # checkpoints of old versions lack it
                 self._computed_before = math.nan if stored is None else float(stored)
-            except RigtwinError:
-                raise
-            except DAMAGED:
+                self._bulk.restore(state)
+                self._added = self._bulk.added
+            except (ValueError, LookupError, TypeError):
                 raise BadInput(
                     f"The checkpoint {self._checkpoint.path} holds no state of this run; "
                     "delete it or name another file."

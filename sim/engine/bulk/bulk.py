@@ -23,7 +23,7 @@ from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.materials import Contact, Particle
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.lab.units import MOST_PARTICLES, positive
+from rigtwin.lab.units import positive
 from rigtwin.sim.engine import backend
 from rigtwin.sim.engine.bulk import arena as areas
 from rigtwin.sim.engine.bulk import checkpoint, rigid_bodies
@@ -50,7 +50,7 @@ from rigtwin.sim.engine.walls.shapes import Motion, Shape, Wall, gaps
 from rigtwin.sim.engine.walls.wall_contacts import THREADS
 from rigtwin.sim.engine.walls.wall_table import KINDS, UNTIL, WANDERS, WallTable, motion_of, motion_row, wall_table
 
-LARGEST_ARENA = 100 * MOST_PARTICLES  # beads, pairs or walls near beads in a checkpoint
+LARGEST_ARENA = 100  # largest arena in a checkpoint over the number of beads: steps of four, and eight pairs a bead
 SMALLEST_ARENA = 1024  # beads; sizes of arenas are powers of four times this, so that few kernels are compiled
 PAIRS_PER_BEAD, PAIRS_PER_PART = 5, 8  # reserved pairs (half the neighbours) of a single bead, and of a clump's bead
 PAIRS_IN_LARGE = 4  # the same for very many single beads; a settled bed has 3.3 at the default skin
@@ -363,7 +363,8 @@ class Bulk:
     def restore(self, state: checkpoint.State) -> None:
         """Restore a `state` of a simulation that was constructed with the same arguments."""
         sizes = [int(size) for size in state["sizes"]]
-        if not (len(sizes) == 3 and all(0 < size <= LARGEST_ARENA for size in sizes)):
+        beads = max(SMALLEST_ARENA, self._arena.capacity, len(state["owners"]))
+        if not (len(sizes) == 3 and all(0 < size <= LARGEST_ARENA * beads for size in sizes)):
             raise ValueError(f"an arena of the sizes {sizes}")
         self._enter(self._room_for(*sizes))
         checkpoint.write_arena(self._arena, state)
