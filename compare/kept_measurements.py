@@ -260,8 +260,8 @@ def _measurement(result: Mapping[str, Any], arrays: Mapping[str, Any], source: P
 
 
 def _quantity(one: Mapping[str, Any]) -> Quantity:
-    numbers = {name: _number(one[name]) for name in ("value", "std_uncertainty")}
-    budget = {part: _number(value) for part, value in one["budget"].items()}
+    numbers = {name: float(_number(one[name])) for name in ("value", "std_uncertainty")}
+    budget = {part: float(_number(value)) for part, value in one["budget"].items()}
     detail = {name: _number(value) for name, value in one["detail"].items()}
     return Quantity(**{**one, **numbers, "budget": budget, "detail": detail})
 

@@ -33,6 +33,9 @@ TORN = 1.5  # minimum ratio of the scatter of a whole flight to that of its two 
 # minimum gain in chi-square: trying a place at every frame gains about a dozen, slow errors several times that
 GAINED = 60.0
 
+MOST_PLACES = 1000  # in a flight; of one with more frames every second, third ... is looked at, as time and memory go
+# with the square of their number
+
 SHORTEST = 2  # minimum frames on either side of a place within a flight; a single one may show another object
 
 OUTERMOST = 3  # the same for the first and the last flight, which no contact bounds on one side
@@ -192,10 +195,11 @@ def _torn_at(time: Array, height: Array, degree: int, noise: float, shortest: in
     if not whole > TORN * noise > 0:
         return None
     step = float(np.median(np.diff(time)))
-    places = list(product(range(shortest, len(time) - shortest + 1), LOST))
-    scatter = _off_curve(
-        np.array([time + lost * step * (np.arange(len(time)) >= k) for k, lost in places]), height, degree
-    )
+    stride = math.ceil(len(time) / MOST_PLACES)
+    places = list(product(range(shortest, len(time) - shortest + 1, stride), LOST))
+    kept = np.arange(0, len(time), stride)
+    tried = np.array([time[kept] + lost * step * (kept >= k) for k, lost in places])
+    scatter = _off_curve(tried, height[kept], degree)
     best = int(np.argmin(scatter))
     least = float(scatter[best])
     gain = len(time) * ((whole - least) / noise) * ((whole + least) / noise)

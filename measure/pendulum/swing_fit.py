@@ -482,6 +482,10 @@ def _covariance(swings: Swings, data: _Data, residuals: list[Array], ground: flo
 
 def _inverse(information: Array) -> Array:
     size = np.sqrt(np.diag(information))
+    if not (np.isfinite(size) & (size > 0)).all():
+        raise NothingToMeasure(
+            "the positions do not determine every parameter of the swings; give a record with a longer swing."
+        )
     return np.asarray(np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size))
 
 

@@ -376,6 +376,8 @@ class Bulk:
         place = self.grains().position  # an IndexError where numbers of beads are others
         if not ((place >= 2 * low - high) & (place <= 2 * high - low)).all():
             raise ValueError("a particle far outside of the domain")
+        if not (self.beads().radius > 0).all():
+            raise ValueError("a particle without size")
 
     def remove_wall(self, wall: int) -> None:
         """Remove a wall, by its index in the order given, from the current time on."""
