@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -155,20 +156,33 @@ def _what_is_left(path: Path) -> str:
         with header_of(path) as photo:
             whole = bool(photo.info.get("progressive") or photo.info.get("interlace"))
             turned = photo.getexif().get(ExifTags.Base.Orientation, 1) != 1
-            rows = np.asarray(photo.convert("RGB"))
+            photo.load()
+            width, height = photo.size
+            there = _rows_above_the_fill(photo)
     except (UnreadableMedia, MemoryError):
         raise
     except Exception:
         return "the file is cut off, and nothing of the photo can be read"
     finally:
         ImageFile.LOAD_TRUNCATED_IMAGES = before
-    # the decoder fills missing rows with one grey level or repeats the last row
-    seen = np.flatnonzero(np.any(rows != rows[-1], axis=(1, 2)))
-    there = int(seen[-1]) + 1 if len(seen) else 0
-    size = f"{rows.shape[1]} x {rows.shape[0]} px"
+    size = f"{width} x {height} px"
     # progressive: the whole picture at low resolution; rotated: the missing part is not at the bottom
-    if whole or turned or there >= len(rows) - 1:
+    if whole or turned or there >= height - 1:
         return f"the file is cut off: a photo of {size}"
     if there == 0:
         return f"the file is cut off: a photo of {size}, of which only the header can be read"
     return f"the file is cut off: a photo of {size}, of which only the upper {there} rows can be read"
+
+
+def _rows_above_the_fill(photo: Any) -> int:
+    """Number of rows above those that are like the last one.
+
+    The decoder fills missing rows with one grey level or repeats the last row.  They are compared one at a time: all
+    of them together take as much memory again as the photo.
+    """
+
+    def row(number: int) -> bytes:
+        return bytes(photo.crop((0, number, photo.width, number + 1)).tobytes())
+
+    last = row(photo.height - 1)
+    return next((number + 1 for number in reversed(range(photo.height - 1)) if row(number) != last), 0)

@@ -9,7 +9,7 @@ import pytest
 from rigtwin.lab.errors import NothingToMeasure
 from rigtwin.lab.records import Track
 from rigtwin.measure.drop import evaluate as drop
-from rigtwin.measure.drop.lost_frames import ODD
+from rigtwin.measure.drop.lost_frames import ODD, _torn_at
 from rigtwin.measure.media.frame_loss import Loss, in_time
 
 G = 9.81
@@ -277,3 +277,14 @@ def test_an_occluded_fall_makes_all_quantities_doubtful():
 @pytest.mark.parametrize(("frames", "words"), [(1, "1 frame lost"), (3, "3 frames lost"), (-2, "2 frames shown twice")])
 def test_a_loss_is_described_with_the_number_of_frames(frames, words):
     assert Loss(8, frames, 0.2, 0.0, False).in_words == words
+
+
+def test_a_loss_within_a_flight_of_more_frames_than_are_tried_is_found(monkeypatch):
+    monkeypatch.setattr("rigtwin.measure.drop.lost_frames.MOST_PLACES", 250)
+    lost, place, rate = 3, 500, 1e4
+    true = np.delete(np.arange(1000), np.s_[place : place + lost]) / rate
+    shown = np.arange(len(true)) / rate
+    found = _torn_at(shown, 0.05 - 4.905 * true**2, 2, 1e-9, 2)
+    assert found is not None
+    assert abs(found[0] - place) <= 5
+    assert found[1] == lost

@@ -459,6 +459,7 @@ def test_a_checkpoint_that_would_not_fit_into_memory_is_refused_before_it_takes_
         lambda course, state: state.update(sizes=np.arange(6)),
         lambda course, state: state.update(sizes=np.zeros(3, dtype=int)),
         lambda course, state: state.update(owners=state["owners"][:1]),
+        lambda course, state: state.update(first=np.full_like(state["first"], 2**31 - 1)),
         lambda course, state: state.update(place=np.full_like(state["place"], 1e300)),
         lambda course, state: state.pop("steps"),
         lambda course, state: course.update(energy=[1.0]),
