@@ -55,7 +55,9 @@ def runs(
             try:
                 result = store.result(row.key)
             except KeyError:  # of a damaged ledger
-                raise BadInput(f"{store.folder}: the ledger does not find the run {row.key!r}; delete it.") from None
+                raise BadInput(
+                    f"{store.folder}: the ledger does not find the run {row.key!r}; put a copy of the store back."
+                ) from None
             show_run(row, result, as_json, quiet)
         elif action == "drop":
             kept = [row for row in store.rows() if row.state == "failed"] if failed else []
@@ -68,11 +70,17 @@ def runs(
 
 
 def _place(folder: Path) -> Path:
-    """The store itself, where `folder` holds one in ``runs``."""
+    """The store itself, where `folder` holds one in ``runs``; refused where folders in it hold one."""
     from rigtwin.compare.campaign.store import LEDGER
+    from rigtwin.lab.errors import BadInput
 
-    below = folder / "runs"
-    return below if (below / LEDGER).is_file() and not (folder / LEDGER).is_file() else folder
+    if (folder / LEDGER).is_file() or not folder.is_dir():
+        return folder
+    if (folder / "runs" / LEDGER).is_file():
+        return folder / "runs"
+    if found := sorted(folder.glob(f"*/runs/{LEDGER}")):
+        raise BadInput(f"{folder}: is no store of runs; name {' or '.join(str(one.parent.parent) for one in found)}.")
+    return folder
 
 
 def _row(store: Store, name: str) -> Kept:

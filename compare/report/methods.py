@@ -81,7 +81,9 @@ def _experiment(outcome: Outcome) -> str:
     experiment = outcome.experiment
     wall = "" if experiment.wall is None else f" on {_material(experiment.wall)}"
     settings = [
-        f"{one.name.removesuffix(', stated')} {one.text}" for one in entry_of(experiment).stated(experiment) if one.text
+        f"{one.name.removesuffix(', stated')} {one.text}"
+        for one in entry_of(experiment).stated(experiment)
+        if one.text and one.name not in outcome.from_media
     ]
     sentences = [
         f"`{experiment.id}` ({_kind(experiment)}): {_particle(experiment.particle)}{wall}"
@@ -324,7 +326,7 @@ def _twin(outcome: Outcome, runs: Sequence[Twin], effects: Mapping[str, Any]) ->
         said.append(f"started from the {listed(starts)}")
     if outcome.from_media:
         said.append(f"taken from the media: {outcome.from_media}")
-    return "; ".join([*said, *_taken(first)]) + "."
+    return "; ".join([*said, *_taken(first, outcome.from_media)]) + "."
 
 
 def _start(twin: Twin, quantity: str, source: str) -> str:
@@ -334,11 +336,12 @@ def _start(twin: Twin, quantity: str, source: str) -> str:
     return f"{title(quantity).lower()} as {'measured (the mean)' if source == 'measured' else 'stated'}{words}"
 
 
-def _taken(twin: Twin) -> Iterator[str]:
-    """What else the twin assumes; its numerical settings are stated before."""
+def _taken(twin: Twin, from_media: str) -> Iterator[str]:
+    """What else the twin assumes; its numerical settings and what it takes from the media are stated before."""
     for line in twin.assumptions:
-        name, colon, _ = line.partition(": ")
-        if not (colon and name.replace(" ", "_") in (*NUMERICS, "computed_by")):
+        name, colon, origin = line.partition(": ")
+        numerical = colon and name.replace(" ", "_") in (*NUMERICS, "computed_by")
+        if not (numerical or (colon and name.lower() in from_media and origin.rstrip(".").endswith("(as given)"))):
             yield line[:1].lower() + line[1:].rstrip(".")
 
 
@@ -390,7 +393,7 @@ def _comparison(comparison: Comparison) -> str:
         "measured) / measured, in percent, and z the difference over its standard uncertainty, with effective degrees "
         "of freedom by equation G.2b of the guide [@jcgm100]. Twin and experiment differ where |z| exceeds the factor "
         f"of Student's t for {100 * SURE:g} %, probably differ where it exceeds that for 95 %, and agree where it does "
-        f"not and the 95 % interval of the deviation is at most ±{UNINFORMATIVE:g} %; otherwise the result is "
+        f"not and the 95 % interval of the deviation lies within ±{UNINFORMATIVE:g} %; otherwise the result is "
         "inconclusive.",
         "The uncertainty of the twins' parameters is not included.",
         "Quantities that are an input of the twin are not a test of it." if given else "",

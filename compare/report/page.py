@@ -241,7 +241,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
         names = dict.fromkeys(title(one.quantity) for one in experiment.measured)
         lines.append(("stated in lab.toml", ", ".join(names)))
     lines += _particle(experiment.particle)
-    lines += _stated(experiment)
+    lines += _stated(experiment, outcome.from_media)
     rates = {
         round(float(item.camera["frame_rate_hz"]), 2)
         for item in outcome.measurements
@@ -264,10 +264,10 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     return lines
 
 
-def _stated(experiment: Experiment) -> list[tuple[str, str]]:
-    """The stated settings of the rig, as name and text."""
+def _stated(experiment: Experiment, from_media: str) -> list[tuple[str, str]]:
+    """The stated settings of the rig, as name and text, without those that follow from the media."""
     said = entry_of(experiment).stated(experiment)
-    return [(one.name, one.text) for one in said if one.text]
+    return [(one.name, one.text) for one in said if one.text and one.name not in from_media]
 
 
 def _caption(overlay: Overlay) -> str:

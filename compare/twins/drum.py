@@ -158,6 +158,7 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
             Stated("drum", rig.drum_diameter, 1e3, " mm"),
             Stated("turning at", rig.speed, 30 / math.pi, " rpm"),
             Stated("depth", rig.depth, 1e3, " mm"),
+            Stated("count", rig.count, 1, ""),
         ]
 
     def curves(
@@ -194,8 +195,10 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
             beads = count * experiment.particle.mean_volume / PACKING
             thinnest = TIGHTEST * experiment.particle.diameter  # a single layer is less dense than `PACKING`
             depth = max(beads / (fill * math.pi / 4 * rig.drum_diameter**2), thinnest)
+            share = count * experiment.particle.mean_volume / (depth * fill * math.pi / 4 * rig.drum_diameter**2)
             return replace(experiment, rig=replace(rig, depth=depth)), (
-                f"a depth of {1e3 * depth:.3g} mm, in which {count} particles fill {fill:.3g} as seen"
+                f"a fill of {fill:.3g}, for which {count} particles need a depth of {1e3 * depth:.3g} mm at a volume "
+                f"fraction of {share:.2g} (state depth where it is known)"
             )
         if not self.takes_count(experiment):
             return experiment, ""

@@ -187,10 +187,10 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     reason = reason.replace("Cannot overwrite a value", "the key or table stands there twice")
     written = text.split("\n")[line - 1].strip()[:60]
     quoted = "" if lies_outside(path, path.parent) else f" in {written!r}"  # a link would show a file elsewhere
-    return (
-        f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}){quoted}; "
-        'write key = "text" or key = number, one per line.'
-    )
+    advice = 'write key = "text" or key = number, one per line.'
+    if re.search(r"=\s*-?\d+,\d+\s*(#.*)?$", written):
+        advice = "write the number with a decimal point instead of a comma."
+    return f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}){quoted}; {advice}"
 
 
 @dataclass(frozen=True)

@@ -193,7 +193,7 @@ def _why_no_bounce(record: Heights) -> str:
         return (
             f"what was followed {span} is highest at {record.time[top]:.3f} s and lowest at {record.time[low]:.3f} s, "
             "and no turn from falling to rising was found in its track; record it until it has bounced at least once, "
-            f"move --end{stated}."
+            f"turn a film that lies on its side, move --end{stated}."
         )
     steps = np.diff(record.time)
     lost = round(float(np.sum(steps / np.median(steps) - 1)))

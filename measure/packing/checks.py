@@ -192,7 +192,8 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
     if bed.gauge is None and math.isfinite(bed.elsewhere):
         near = abs(math.log(bed.elsewhere)) <= math.log(PITCH_RANGE)  # it can be no further before or behind the axis
         ending = (
-            "the gauge stands before or behind the axis and was not used, neither for the floor."
+            "the gauge stands before or behind the axis, or the photo is squeezed to other proportions; the gauge was "
+            "not used, neither for the floor."
             if near
             else "check --cylinder-diameter and --bead-diameter."
         )

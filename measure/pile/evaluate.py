@@ -337,7 +337,7 @@ def _base_flaw(heap: repose_angles.Heap, *, limited: bool) -> str:
     share = f"{100 * across / heap.base_width:.0f} %"
     return (
         f"the heap covers {share} of the stated base, so its geometric angle is too small; "
-        "pour until it reaches the rim, or use the graphical angle, which needs no base"
+        "pour until it reaches the rim, or correct the base if it does"
     )
 
 

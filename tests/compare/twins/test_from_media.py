@@ -47,7 +47,8 @@ def test_a_drum_is_filled_as_the_films_show_unless_it_is_stated():
         assert completed(stated, *films)[0] == stated
     filled, said, assumed = completed(replace(drum, count=360), *films)
     assert filled.depth * 0.23 * math.pi / 4 * 0.1**2 * 0.6 == pytest.approx(360 * BEAD.volume)
-    assert "in which 360 particles fill 0.23 as seen" in said
+    assert "a fill of 0.23, for which 360 particles need a depth of" in said
+    assert "at a volume fraction of 0.6 (state depth" in said
     assert not assumed
     # a single layer between the walls holds about 0.53 of its volume
     layer = round(0.53 * 0.23 * math.pi / 4 * 0.1**2 * 1.04 * BEAD.diameter / BEAD.volume)

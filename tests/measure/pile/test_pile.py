@@ -159,7 +159,7 @@ def test_a_heap_narrower_than_the_stated_base_has_a_doubtful_angle_over_it() -> 
     heap = triangle(30, 30, grain=0.002)
     for wider, doubtful in ((1.0, False), (1.3, True)):
         result = evaluate([heap], base_diameter=wider * float(np.ptp(heap.x)), bead_diameter=0.002)
-        assert ("use the graphical angle" in angle(result, GEOMETRIC, "mean").doubtful) == doubtful
+        assert ("correct the base if it does" in angle(result, GEOMETRIC, "mean").doubtful) == doubtful
         assert not angle(result, GRAPHICAL, "mean").doubtful
 
 
