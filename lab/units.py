@@ -47,6 +47,7 @@ AMBIGUOUS = {  # a bare number of these is nobody's habit
     "tilting_speed": "radians or degrees a second",
 }
 
+LONGEST_QUANTITY = 200  # characters; of a damaged file or a wrong paste
 MOST_PARTICLES = 10_000_000  # more of them fit into no memory; a count that was meant to be smaller
 
 MOST_RUNS = 10_000  # of one twin with different seeds; a number that was meant to be smaller
@@ -89,6 +90,9 @@ def si(text: str | float | int, dimension: str, *, name: str = "value") -> float
     unit, example = DIMENSIONS[dimension]
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise BadQuantity(f"{name}: {text!r} is not a quantity; write {_a(dimension)} like {example!r}.")
+    if isinstance(text, str) and len(text) > LONGEST_QUANTITY:
+        begin = f"{text[:20]!r}... with {len(text)} characters"
+        raise BadQuantity(f"{name}: {begin} is not a quantity; write {_a(dimension)} like {example!r}.")
     try:
         value = (
             _parse(text.strip(), unit, dimension, example, name)

@@ -134,19 +134,21 @@ def _residual(diagnosis: Diagnosis) -> tuple[FigureFile, bool]:
         apart.set(xlabel=f"time since the {_event(bench)} [s]", ylabel=f"{axis} less twin before [mm]")
         apart.set_title(f"difference from the twin before: mean of {_repetitions(view)}", fontsize=9, loc="left")
         figure.legend(*apart.get_legend_handles_labels(), loc="outside lower center", fontsize=8, ncols=3)
-        caption = _residual_caption(diagnosis, bench, view, mean)
-        return figure_file(figure, "diagnosis-residual", label, *_residual_rows(mean), caption), excess[worst] > SEEN
+        shows = excess[worst] > SEEN
+        caption = _residual_caption(diagnosis, bench, view, mean, shows=shows)
+        return figure_file(figure, "diagnosis-residual", label, *_residual_rows(mean), caption), shows
 
 
-def _residual_caption(diagnosis: Diagnosis, bench: Any, view: _View, mean: _Means) -> str:
+def _residual_caption(diagnosis: Diagnosis, bench: Any, view: _View, mean: _Means, *, shows: bool) -> str:
     def size(off: Array) -> str:
         return f"{1e3 * math.sqrt(float(np.mean(off**2))):.3g} mm"
 
     bead = f", bead {'AB'[view.body]}" if bench.bodies > 1 else ""
     where = f"{bench.condition_names[view.condition]}{bead}, coordinate {'xy'[view.axis]}"
+    quiet = ", though within the noise: what disagrees are single repetitions, or quantities pulled off what was stated"
     text = (
-        f"{where}, where the twin before is worst. Points: means over {_repetitions(view)} in steps of "
-        f"{1e3 * mean.width:.3g} ms; thin lines: single repetitions; dashed: the calibrated twin before; band: two "
+        f"{where}, where the twin before is worst{'' if shows else quiet}. "
+        f"Points: means over {_repetitions(view)} in steps of {1e3 * mean.width:.3g} ms; thin lines: single repetitions; dashed: the calibrated twin before; band: two "
         f"standard deviations of such a mean by the tracking noise of {1e3 * bench.noise:.3g} mm. The means differ by "
         f"{size(mean.measured)} (root mean square) from the twin before"
     )

@@ -12,6 +12,7 @@ from rigtwin.lab.input_files import why_not_ordinary
 SMALLEST_REGION = 8  # [px], sides of what is searched; filters over a picture of fewer find no grain in it
 # share of a base line that must be in the picture: a photo may cut off its ends, a mistyped end lies far outside
 MOSTLY = 0.5
+FARTHEST = 1e6  # [px], distance of a stated end from the picture; OpenCV takes no larger numbers than 2^31 eighths
 SMALLEST = 5  # [px], minimum width and height
 
 
@@ -48,9 +49,11 @@ def must_lie_inside(path: Path, camera: Camera, width: int, height: int) -> None
 
 
 def _share_inside(line: Line, width: int, height: int) -> float:
-    """Share of a line that lies inside the picture."""
+    """Share of a line that lies inside the picture; 0 where an end is further away than `FARTHEST`."""
     import cv2
 
+    if max(abs(value) for point in line for value in point) > FARTHEST:
+        return 0.0
     first, last = ((round(8 * x), round(8 * y)) for x, y in line)  # whole numbers are needed
     crosses, entry, leaving = cv2.clipLine((0, 0, 8 * width, 8 * height), first, last)
     return math.dist(entry, leaving) / 8 / math.dist(*line) if crosses else 0.0

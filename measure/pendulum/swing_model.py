@@ -87,8 +87,9 @@ def angles(swings: Swings, time: Array) -> tuple[Array, Array]:
     state, start = np.zeros((swings.beads, batch)), swings["release_time"]
     state[0] = swings["release_angle"]
     rate = np.zeros_like(state)
-    angle[0], ends = state[0], [swings[f"time_{k}"] for k in range(swings.collisions)]
-    last = max(float(np.max(time)), float(np.max(ends, initial=-np.inf))) + STEP
+    angle[0], last = state[0], float(np.max(time)) + STEP
+    # an optimizer may try collisions long after the record
+    ends = [np.minimum(swings[f"time_{k}"], last) for k in range(swings.collisions)]
     for k, end in enumerate([*ends, np.full(batch, last)]):
         if k > 0:
             rate = swings.after(k - 1)

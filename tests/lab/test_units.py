@@ -127,3 +127,10 @@ def test_something_that_is_neither_text_nor_number_is_refused(value):
 def test_any_text_is_either_a_finite_length_or_refused(text):
     with contextlib.suppress(BadQuantity):
         assert math.isfinite(si(text, "length"))
+
+
+def test_a_long_text_is_refused_with_its_beginning():
+    with pytest.raises(
+        BadQuantity, match=r"^diameter: '5\*5\*5\*5\*5\*5\*5\*5\*5\*5\*'\.\.\. with 4000 characters is not"
+    ):
+        si("5*" * 2000, "length", "diameter")

@@ -15,7 +15,7 @@ import pytest
 import tifffile
 
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.errors import UnreadableMedia
+from rigtwin.lab.errors import BadInput, UnreadableMedia
 from rigtwin.measure.media import container as containers
 from rigtwin.measure.media import photo as photos
 from rigtwin.measure.media.container import open_container
@@ -219,3 +219,11 @@ def test_decoders_write_nothing_of_their_own_on_a_damaged_photo(tmp_path, capfd,
     with suppress(UnreadableMedia):
         read_photo(tmp_path / f"view{ending}")
     assert capfd.readouterr().err == ""
+
+
+def test_a_stated_base_with_an_end_far_outside_of_the_photo_is_refused(tmp_path):
+    path = tmp_path / "heap.png"
+    cv2.imwrite(str(path), np.zeros((300, 400, 3), np.uint8))
+    far = Camera(base=((1e300, 120.0), (200.0, 120.0)))
+    with pytest.raises(BadInput, match=r"--base names a point at 1e\+300,120, outside the picture of 400 x 300 px"):
+        read_photo(path, far)

@@ -20,6 +20,7 @@ from rigtwin.measure.pendulum.evaluate import evaluate, judge
 from rigtwin.measure.pendulum.lost_frames import find_losses
 from rigtwin.measure.pendulum.measurement import measure
 from rigtwin.measure.pendulum.swing_fit import StatedPivots, fit_swings
+from rigtwin.measure.pendulum.swing_model import Swings, angles
 
 GRAVITY = 9.81
 WHOLE = SimpleNamespace(first=0, last=99, skipped=frozenset(), excluded=frozenset())  # a film without repeats
@@ -740,3 +741,13 @@ def test_a_film_with_a_lost_frame_gives_the_true_restitution(tmp_path):
     e = found(result, "restitution_pair", "velocity", collision=1)
     assert not e.doubtful
     assert abs(e.value - truth.restitution) < 2.5 * e.std_uncertainty
+
+
+def test_a_trial_collision_long_after_the_record_takes_no_longer():
+    known = {"length_0": 0.2, "length_1": 0.2, "gravity": 9.81, "release_angle": 0.5, "time_0": 1e9}
+    names = Swings.names(2, 1)
+    swings = Swings(np.array([known.get(name, 0.0) for name in names]), 2, 1)
+    late, _ = angles(swings, np.linspace(0, 0.5, 20))
+    swings.vector[names.index("time_0")] = 0.6
+    soon, _ = angles(swings, np.linspace(0, 0.5, 20))
+    np.testing.assert_allclose(late, soon, atol=1e-6)
