@@ -148,7 +148,8 @@ def _residual_caption(diagnosis: Diagnosis, bench: Any, view: _View, mean: _Mean
     quiet = ", though within the noise: what disagrees are single repetitions, or quantities pulled off what was stated"
     text = (
         f"{where}, where the twin before is worst{'' if shows else quiet}. "
-        f"Points: means over {_repetitions(view)} in steps of {1e3 * mean.width:.3g} ms; thin lines: single repetitions; dashed: the calibrated twin before; band: two "
+        f"Points: means over {_repetitions(view)} in steps of {1e3 * mean.width:.3g} ms; thin lines: "
+        "single repetitions; dashed: the calibrated twin before; band: two "
         f"standard deviations of such a mean by the tracking noise of {1e3 * bench.noise:.3g} mm. The means differ by "
         f"{size(mean.measured)} (root mean square) from the twin before"
     )

@@ -133,4 +133,4 @@ def test_a_long_text_is_refused_with_its_beginning():
     with pytest.raises(
         BadQuantity, match=r"^diameter: '5\*5\*5\*5\*5\*5\*5\*5\*5\*5\*'\.\.\. with 4000 characters is not"
     ):
-        si("5*" * 2000, "length", "diameter")
+        si("5*" * 2000, "length", name="diameter")
