@@ -22,6 +22,7 @@ from collections import Counter
 from pathlib import Path
 
 from rigtwin.benchmarks.figures import SMOKE, Row, report, small
+from rigtwin.benchmarks.fuzz_cases.case import NOT_RUN
 from rigtwin.benchmarks.fuzz_cases.running import FAULTS, LONGEST, MEMORY, End, keep_input, run_cases
 
 SEED = int(os.environ.get("SEED", "1"))
@@ -123,6 +124,8 @@ def main() -> int:
     rows.append(Row("largest memory", most.peak_mb, "MB", None, f"below {MEMORY:g}", most.peak_mb < MEMORY, large))
     rows.append(Row("longest case", longest.seconds, "s", None, f"below {LONGEST:g}", longest.seconds < LONGEST, long))
     rows.append(Row("mean time of a case", seconds / max(1, len(ends)), "s"))
+    cut = sum(end.said.strip().endswith(NOT_RUN) for end in ends)
+    rows.append(Row("ended here once all was read", float(cut), note="diagnoses not fitted, twins not run"))
     for kind, total in sorted(Counter(end.kind for end in ends).items()):
         own = [end for end in ends if end.kind == kind]
         mean, results = sum(end.seconds for end in own) / total, sum(end.code == 0 for end in own)

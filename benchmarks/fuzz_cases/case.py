@@ -21,6 +21,9 @@ class Case:
     """The command is run with ``--json`` where there is one."""
 
 
+NOT_RUN = "all was read, and the rest is not run here."
+"""Refusal of the benchmark itself where a case would take long."""
+
 Kind = Callable[[Random, Path], Case]
 """Writes the files of one case into a folder.
 

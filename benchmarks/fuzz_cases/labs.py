@@ -9,7 +9,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from rigtwin.benchmarks.fuzz_cases.case import Case, out, written
+from rigtwin.benchmarks.fuzz_cases.case import NOT_RUN, Case, out, written
 from rigtwin.benchmarks.fuzz_cases.mutations import in_words
 from rigtwin.benchmarks.fuzz_cases.reference import same_model, same_results, same_settings
 from rigtwin.benchmarks.fuzz_cases.tables import table
@@ -175,7 +175,7 @@ def read_only(command: list[str]) -> Iterator[None]:
     from rigtwin.lab.errors import BadInput
 
     def read(*_: Any) -> Any:
-        raise BadInput("the lab was read.")
+        raise BadInput(NOT_RUN)
 
     fitted = diagnose_folder.diagnose, diagnose_folder.diagnose_bulk
     diagnose_folder.diagnose = diagnose_folder.diagnose_bulk = read

@@ -22,7 +22,7 @@ from typing import Any, TextIO
 
 from rigtwin.benchmarks.figures import OUT
 from rigtwin.benchmarks.fuzz_cases import kinds, labs, mutations
-from rigtwin.benchmarks.fuzz_cases.case import Case
+from rigtwin.benchmarks.fuzz_cases.case import NOT_RUN, Case
 
 LONGEST = 60.0  # [s], of a case
 MEMORY = 1500.0  # [MB], of the process; the libraries take half of it
@@ -163,7 +163,7 @@ def _workers_in_this_process() -> Iterator[None]:
         job: Future[Any] = Future()
         try:
             if function is not measure_repetition:
-                raise BadInput("this twin is not run.")
+                raise BadInput(NOT_RUN)
             job.set_result(function(*arguments))
         except Exception as error:
             job.set_exception(error)
