@@ -419,7 +419,7 @@ repetitions = ["clip.avi"]
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ("rig='tilt'\nvariant='slide'\nspeed='1e-4 deg/s'", ["line 9: experiment 1, speed: the twin", "1,000,000"]),
+        ("rig='tilt'\nvariant='slide'\nspeed='1e-4 deg/s'", ["line 9: experiment 1, speed: the twin", "200,000"]),
         ("rig='drop'\ndrop_height='1 m'\ncamera.frame_rate='1e7 Hz'", ["experiment 1: the twin", "frame rate"]),
         ("rig='hopper'\nvariant='slot'\noutlet='2 mm'\ncount=90", ["line 9: experiment 1, outlet: the twin"]),
         ("rig='drum'\ndrum_diameter='9 cm'\nspeed='3 rpm'\ncount=9999", ["line 10: experiment 1, count: the twin"]),

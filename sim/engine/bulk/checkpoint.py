@@ -78,9 +78,12 @@ def read_arena(arena: Arena) -> State:
 def write_arena(arena: Arena, state: State) -> None:
     """Fill `arena`, which must have the sizes of the one that `state` was read from."""
     for name, most in {"first": arena.pair_capacity, "walls.first": arena.walls.near_capacity}.items():
-        places = state.get(name)
-        if places is not None and not ((places >= 0) & (places <= most)).all():  # a step would read what is not there
-            raise ValueError(f"{name} holds a place outside of its list")
+        if name in state and "counts" in state:
+            listed, live = (int(state["counts"][column]) for column in (at.LISTED, at.LIVE_LIST))
+            # before a list is built its memory holds what other runs have left
+            places = state[name][live, : listed + 1] if listed else np.zeros(1)
+            if not (0 <= listed < state[name].shape[1] and np.all((places >= 0) & (places <= most))):
+                raise ValueError(f"{name} holds a place outside of its list")  # a step would read what is not there
     cut = (arena.capacity, arena.capacity + 1, arena.pair_capacity, arena.walls.near_capacity)
     for name, field in _fields(arena):
         whole, part = np.zeros_like(field.to_numpy()), state.get(name)

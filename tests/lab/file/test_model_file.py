@@ -36,7 +36,11 @@ def models(draw):
         for bead in beads
     }
     words = st.text("abc \"'\\ö", max_size=5)
-    effects = draw(st.dictionaries(words, st.dictionaries(words, st.floats(-1e6, 1e6), max_size=2), max_size=2))
+    effects = draw(
+        st.dictionaries(
+            words, st.dictionaries(words, st.floats(-1e6, 1e6, allow_subnormal=False), max_size=2), max_size=2
+        )
+    )
     return Model(solids, beads, contacts, effects)
 
 
