@@ -20,6 +20,7 @@ import threading
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from rigtwin.benchmarks.figures import SMOKE, Row, report, small
 from rigtwin.benchmarks.fuzz_cases.case import NOT_RUN
@@ -58,7 +59,7 @@ def _block(first: int, end: int) -> list[End]:
     """Cases from `first` up to `end`, or up to one at which the process died or hung."""
     words = [sys.executable, str(Path(__file__).resolve()), str(first), str(end)]
     ends: list[End] = []
-    begun: dict[str, str] = {}
+    begun: dict[str, Any] = {}
     FAULTS.mkdir(parents=True, exist_ok=True)
     quiet = os.environ | {"OPENCV_LOG_LEVEL": "SILENT"}  # as the command line does
     with (
@@ -78,7 +79,9 @@ def _block(first: int, end: int) -> list[End]:
             guard = _guard(child, LONGEST if ends else FIRST, stopped)
         guard.cancel()
     if child.returncode != 0:
-        number, folder = int(begun.get("begun", first)), Path(begun.get("folder", "/nowhere"))
+        # it may also die while the files of the next case are written
+        number = max(begun.get("begun", first), ends[-1].number + 1 if ends else first)
+        folder = Path(begun.get("folder", "/nowhere"))
         if folder.is_dir():
             keep_input(folder, SEED, number)
             shutil.rmtree(folder, ignore_errors=True)

@@ -31,6 +31,7 @@ LOOK = 0.02  # [s], interval of the checks during filling
 CLEAR = 1.02  # [diameters], least distance of the centres of new particles
 TRIES = 20  # positions tried per particle that is due
 GIVEN = "as given"  # origin of a pour rate that the user stated
+NO_STATE = "The checkpoint holds no state of this run; delete it or name another file."
 LONGEST_POUR = 600.0  # [s]
 PATIENCE = 100  # checks in a row without room for a particle, after which filling ends
 REST_LOOKS = 3  # checks in a row at rest, after which a bed counts as settled
@@ -338,7 +339,7 @@ class Filling:
                     raise ValueError(f"{name} is {value}")
             vars(self).update(now)
         except (KeyError, ValueError):
-            raise BadInput("The checkpoint holds no state of this run; delete it or name another file.") from None
+            raise BadInput(NO_STATE) from None
 
 
 @dataclass(kw_only=True)
@@ -372,7 +373,7 @@ class Course(Filling):
         try:
             self.random.bit_generator.state = kept["random"]
         except (KeyError, ValueError, TypeError, OverflowError):
-            raise BadInput("The checkpoint holds no state of this run; delete it or name another file.") from None
+            raise BadInput(NO_STATE) from None
         super().go_on({name: value for name, value in kept.items() if name != "random"})
 
     def sizes(self, count: int, particle: Particle) -> Array | None:

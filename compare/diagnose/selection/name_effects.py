@@ -541,7 +541,7 @@ def _fit(bench: Regioned, terms: tuple[Effect, ...], near: Fit) -> Fit:
 
 
 def _has_free_exponent(effect: Effect) -> bool:
-    """Whether a further dependence of the law may grow to either side."""
+    """Whether the law has an exponent that a fit must begin on both sides of its usual value."""
     return effect.free and any(one.starts for one in effect.parameters[1:])
 
 
