@@ -11,13 +11,14 @@ import math
 import cv2
 import numpy as np
 
-from rigtwin.lab.arrays import Array, FloatImage, Image, Mask
+from rigtwin.lab.arrays import FloatImage, Image, Mask
 from rigtwin.measure.bulk.outline import Silhouette
-from rigtwin.measure.geometry.disc_morphology import disc, odd
+from rigtwin.measure.geometry.disc_morphology import odd
 from rigtwin.measure.geometry.lines import at, straight
 
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
 BELOW = (0.7, 4.0)  # [bead radii] below the outline: objects behind the cylinder end at the outline
+BESIDE = (0.5, 2.0)  # [bead radii] from the outline: glare there on both sides lies on it
 GRAINS = 0.5  # least mean probability of grains there
 # least height and largest width of a strip of glare, over those of the picture; chosen on one of 14 photos by a path
 # tracer, tested on drawn beds only
@@ -63,7 +64,7 @@ def covered_columns(found: Silhouette, alike: FloatImage, glare: Mask, inside: M
     steps = np.arange(*BELOW, 0.25) * found.bead_radius
     below = [at(alike, found.view.to_picture(found.x, height - step)) for step in steps]
     seen = inside & np.isfinite(found.height)
-    hidden = under_glare(found.view.to_picture(found.x, height), glare, found.bead_radius)
+    hidden = under_glare(found, glare)
     hidden |= (np.mean(below, axis=0) < GRAINS) | _off_level(found, seen)
     return np.asarray(hidden & seen)
 
@@ -79,11 +80,22 @@ def _off_level(found: Silhouette, seen: Mask) -> Mask:
     return np.asarray(binary_dilation(off, iterations=math.ceil(found.bead_radius)))
 
 
-def under_glare(points: Array, glare: Mask, radius: float) -> Mask:
-    """Points, shape (n, 2) [px], near patches of glare that are larger than the highlight on a bead."""
+def under_glare(found: Silhouette, glare: Mask) -> Mask:
+    """Columns in which glare larger than the highlight on a bead lies on both sides of the outline, shape (n,).
+
+    Overexposed beads end at the outline, an overexposed background begins there: neither hides it.
+    """
+    radius = found.bead_radius
     size = odd(0.8 * radius)
     patch = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
     if not patch.any():
-        return np.zeros(len(points), dtype=bool)
-    patch = cv2.dilate(patch, disc(odd(2 * math.ceil(1.5 * radius))))
-    return np.asarray(at(patch, points) > 0)
+        return np.zeros(len(found.x), dtype=bool)
+    height = np.nan_to_num(found.height)
+
+    def near(sign: int) -> Mask:
+        steps = sign * np.arange(*BESIDE, 0.25) * radius
+        seen = [at(patch, found.view.to_picture(found.x, height + step)) > 0 for step in steps]
+        return np.asarray(np.any(seen, axis=0))
+
+    both = (near(1) & near(-1)).astype(np.uint8)
+    return np.asarray(cv2.dilate(both[None], np.ones((1, odd(3 * radius)), np.uint8))[0] > 0)

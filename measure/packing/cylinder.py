@@ -20,6 +20,7 @@ from rigtwin.measure.bulk.outline import Silhouette, View
 from rigtwin.measure.bulk.outline_above import surface_between
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
+from rigtwin.measure.packing.bed_profile import INSIDE as READ
 from rigtwin.measure.packing.bed_profile import NEARER
 from rigtwin.measure.packing.graduations import Gauge, find_gauge, other_sizes
 from rigtwin.measure.packing.grain_region import (
@@ -55,7 +56,14 @@ ELSEWHERE = 0.5
 CLEARLY_APART = 0.08  # logarithm of the ratio of their scales, more than beads can decide below
 LOOKING = (-0.1, 0.6)  # slope of the line of sight to the floor: from slightly below its level to 30 degrees above
 MOST_LEAN = math.radians(7)
-USUAL_STEEPNESS = 0.5  # [bead diameters], standard deviation of the prior of `Bed.steepness`
+USUAL_SLOPE = 0.1  # standard deviation of the slope of the line of sight to the surface: 6 degrees
+# [bead diameters], rise of the mean outline where the far side of the bed appears t above its near side:
+# hypot(RAISED_FROM, RAISED_BY t) - RAISED_FROM within 0.05 up to t = 4; its scatter.  Settled beds of a DEM, 8 to 22
+# beads wide, seen from 0 to 11 degrees above and from 12 sides
+RAISED_FROM, RAISED_BY, RAISED_SPREAD = 0.55, 0.35, 0.06
+# [bead diameters], height of the arch that the outlines of the same beds have: ARCH + hypot(ARCH_FROM, ARCH_BY t) -
+# ARCH_FROM; its scatter.  Their surfaces fall a little towards the wall
+ARCH, ARCH_FROM, ARCH_BY, ARCH_SPREAD = 0.3, 0.7, 0.6, 0.5
 INSIDE = 0.97  # share of the inner radius in which the outline is searched
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
@@ -169,21 +177,32 @@ class Bed:
             rows = points[:, 1] + (self.gauge.column_at(float(rows.mean())) - points[:, 0]) * math.tan(self.roll)
         return rows
 
-    def steepness(self) -> tuple[float, float]:
-        """Apparent rise of the bed's far side above its near side [bead diameters], and its standard uncertainty.
+    def raised(self) -> tuple[float, float]:
+        """How far the outline lies above that of a horizontal view, and its standard uncertainty [bead diameters].
 
-        The front of the floor shows the slope of the line of sight at the floor.  At the surface the slope is less, by
-        surface height over camera distance.
+        A camera above (or below) the surface sees its far (or near) side above its middle.  The front of the floor
+        shows the slope of the line of sight at the floor; at the surface it is less, by surface height over camera
+        distance.  The outline is an arch then, as settled beds are, but less so.
         """
-        _, height = self.outline
+        x, height = self.outline
+        half, grain = self.width / 2, 2 * self.bead_radius
         focal = FOCAL_LENGTH * self.longer_side
         fallen = float(np.mean(height)) / focal
-        steep = self.bulge / (self.width / 2) - fallen
-        uncertainty = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / (self.width / 2))
-        beads = self.width / (4 * self.bead_radius)
-        # prior: the camera is usually held near the height of the surface
-        share = USUAL_STEEPNESS**2 / (USUAL_STEEPNESS**2 + (uncertainty * beads) ** 2)
-        return float(np.clip(share * steep * beads, -1.5, 1.5)), math.sqrt(share) * uncertainty * beads
+        slopes = np.linspace(-4 * USUAL_SLOPE, 4 * USUAL_SLOPE, 401)
+        at_floor = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / half)
+        off = [(slopes - (self.bulge / half - fallen)) / at_floor, slopes / USUAL_SLOPE]
+        steep = slopes * self.width / grain
+        read = np.abs(x) < READ * half
+        if np.sum(read) > 2:
+            along = x[read] / half
+            terms = np.column_stack([np.ones(len(along)), along, np.sqrt(1 - along**2)])
+            arch = np.linalg.lstsq(terms, height[read] / grain, rcond=None)[0][2]
+            off.append((arch - ARCH - np.hypot(ARCH_FROM, ARCH_BY * steep) + ARCH_FROM) / ARCH_SPREAD)
+        likely = np.exp(-0.5 * (np.sum(np.square(off), axis=0) - np.min(np.sum(np.square(off), axis=0))))
+        raised = np.hypot(RAISED_FROM, RAISED_BY * steep) - RAISED_FROM
+        mean = float(np.average(raised, weights=likely))
+        spread = math.sqrt(float(np.average((raised - mean) ** 2, weights=likely)))
+        return mean, math.hypot(spread, RAISED_SPREAD)
 
 
 @dataclass(frozen=True)

@@ -57,11 +57,8 @@ def observe_photo(
         height = above * scale
         floor_uncertainty = bed.floor_sigma * scale
         floor_from = "stated" if stated else "lowest grains"
-    steep = bed.steepness()
     grain = 2 * bed.bead_radius * scale
-    # a camera above or below the surface sees its far or near side above the middle
-    raised = 0.25 * steep[0] ** 2 * grain
-    spread = max(0.25 * steep[1] * math.hypot(2 * steep[0], math.sqrt(2) * steep[1]), 0.02) * grain
+    raised, spread = (part * grain for part in bed.raised())
     profile = Profile(x * scale, height - raised, np.full(len(x), 0.8 * scale), view=photo.stem)
     mean = float(np.nanmean(height))
     uncertainties = {

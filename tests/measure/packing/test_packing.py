@@ -545,6 +545,19 @@ def test_what_stands_behind_the_cylinder_hides_nothing_of_the_surface(tmp_path):
     assert not found.doubtful
 
 
+def test_overexposed_beads_do_not_hide_their_surface(tmp_path):
+    photo = tmp_path / "bed.png"
+    truth = draw(photo)
+    picture = cv2.imread(str(photo)).astype(float)
+    behind = np.abs(picture - (205, 200, 192)).max(axis=2) < 20
+    picture[picture.min(axis=2) > 75] = 255  # all of a bead but its rim
+    picture[behind] = 30
+    cv2.imwrite(str(photo), np.rint(picture).astype(np.uint8))
+    result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert found.value == pytest.approx(truth, abs=0.0012)
+
+
 def test_a_photo_with_black_bars_is_read_like_one_without(tmp_path):
     photo = tmp_path / "bed.png"
     truth = draw(photo)
@@ -674,6 +687,47 @@ def test_the_floor_lies_below_the_circle_on_which_the_outermost_beads_touch_it(d
     assert isinstance(bed, Bed)
     bead = bed.width / 10 / bed.silhouette.zoom
     assert abs(bed.floor / bed.silhouette.zoom - 480) < 0.15 * bead
+
+
+def fine_bed_from_above(degrees: float) -> tuple[np.ndarray, float]:
+    """A level bed of beads of 3 mm, seen from far away, and the mean height [m] of its outline seen horizontally."""
+    rng, zoom = np.random.default_rng(4), 2
+    picture = np.full((620 * zoom, 560 * zoom, 3), (205, 200, 192), np.uint8)
+    mm, sine, cosine = PIXEL * zoom, math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    across = np.stack(np.meshgrid(np.arange(-29, 29, 2.9), np.arange(-29, 29, 2.7)), axis=-1).reshape(-1, 2)
+    beads = []
+    for layer, row in enumerate(np.arange(1.5, 46.0, 2.6)):
+        turns = 2 * math.pi * (np.arange(59) + 0.5 * (layer % 2)) / 59
+        wall = 28.5 * np.column_stack([np.sin(turns), np.cos(turns)])
+        inner = across + rng.uniform(-0.4, 0.4, across.shape)
+        for x, near in [*wall, *(inner[np.hypot(*inner.T) < 26.5] if row > 39 else ())]:
+            beads.append((x, near, row if layer == 0 else row + rng.uniform(-0.6, 0.6)))
+    cv2.rectangle(picture, (0, 470 * zoom), (picture.shape[1], picture.shape[0]), (150, 152, 150), cv2.FILLED)
+    for x, near, row in sorted(beads, key=lambda bead: bead[1] * cosine + bead[2] * sine):
+        centre = (round(280 * zoom + x * mm), round(480 * zoom - (row * cosine - near * sine) * mm))
+        shade(picture, centre, 1.5 * mm, rng.uniform(0.8, 1.1))
+    for side in (-1, 1):
+        wall = round(280 * zoom + side * 30 * mm)
+        cv2.line(picture, (wall, 40 * zoom), (wall, 480 * zoom), (60, 60, 60), zoom)
+    smaller = cv2.resize(picture, None, fx=1 / zoom, fy=1 / zoom, interpolation=cv2.INTER_AREA)
+    profile = outline(1e-3 * np.array(beads), bead=0.003)
+    inside = np.abs(profile.x) < packing_bed_profile.INSIDE * CYLINDER / 2
+    picture = np.clip(smaller + rng.normal(0, 2, smaller.shape), 0, 255).astype(np.uint8)
+    return picture, float(np.nanmean(profile.height[inside]))
+
+
+@pytest.mark.parametrize("degrees", [0, 6, 11])
+def test_the_far_side_of_a_bed_seen_from_above_does_not_raise_its_height(tmp_path, degrees):
+    picture, truth = fine_bed_from_above(degrees)
+    cv2.imwrite(str(tmp_path / "bed.png"), picture)
+    found = pick(
+        packing.measure([tmp_path / "bed.png"], Camera(), cylinder_diameter=CYLINDER, bead_diameter=0.003),
+        "bed_height",
+        "outline",
+    )
+    low, high = found.interval95
+    assert low < truth < high
+    assert abs(found.value - truth) < 0.6 * 0.003  # seen from 11 degrees the far side lies 4 bead diameters higher
 
 
 def test_a_floor_outside_of_the_photo_and_walls_above_each_other_are_refused(tmp_path):
