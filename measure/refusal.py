@@ -84,6 +84,7 @@ def shows_refusals(measure: Callable[P, Measurement]) -> Callable[P, Measurement
             found = measure(*args, **kwargs)
         except BadInput as error:
             if isinstance(error, NothingToMeasure):
+                error.message = _with_medium(media, error)
                 error.message = _with_stated(media, camera, error)
                 error.message = _with_lost_end(media, error)
             if isinstance(out, Path) and (isinstance(error, NothingToMeasure) or error.seen is not None):
@@ -113,6 +114,13 @@ def _with_values(found: Measurement, camera: object) -> Measurement:
 
     clearer: Measurement = reworded(found, partial(rename_options, instead=valued))
     return clearer
+
+
+def _with_medium(media: Sequence[Path], error: NothingToMeasure) -> str:
+    """The message of a refusal with the file: an evaluation, which works on records, names the rig at most."""
+    if len(media) != 1 or str(media[0]) in error.message:
+        return error.message
+    return f"{media[0]}: {re.sub(r'^(measure )?[a-z]+: ', '', error.message)}"
 
 
 def _with_lost_end(media: Sequence[Path], error: NothingToMeasure) -> str:
