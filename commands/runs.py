@@ -48,6 +48,9 @@ def runs(
     if action == "drop" and not given and not failed:
         raise BadInput("drop: name the runs to drop, or give --failed.")
     with Store(_place(folder), create=False) as store:
+        if damaged := store.damaged():
+            rows = counted(damaged, "row")
+            typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; such runs are computed again.", err=True)
         if action == "list":
             show_runs(store.rows(), as_json, quiet)
         elif action == "show":

@@ -141,10 +141,13 @@ def test_a_folder_without_a_store_is_refused(tmp_path, capsys):
     assert "is not a ledger of runs" in refused(capsys, tmp_path)
 
 
-def test_a_ledger_with_a_cell_of_another_kind_is_refused(folder, capsys):
+def test_a_damaged_row_of_the_ledger_is_left_out_and_the_others_stay(folder, capsys):
     with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
-        ledger.execute("update runs set seconds = 'long' where name = 'bed-1'")
-    assert "is damaged; put a copy of the store back" in refused(capsys, folder)
+        ledger.execute("update runs set seconds = x'00ff' where name = 'bed-2'")
+    assert run(["runs", str(folder), "--json"]) == 0
+    said = capsys.readouterr()
+    assert {row["name"] for row in json.loads(said.out)["runs"]} == {"bed-1", "bed-3"}
+    assert "1 row of the ledger cannot be read" in said.err
 
 
 def test_a_name_that_is_no_text_is_shown_as_such(folder, capsys):

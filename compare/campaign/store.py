@@ -217,27 +217,23 @@ class Store:
             self._ledger.execute("delete from claims where key = ? and owner = ?", (run.key, self._owner.token))
 
     def rows(self) -> list[Kept]:
-        """All runs of the ledger, oldest first; results without their arrays."""
-        with self._in_words():
-            rows = self._ledger.execute("select * from runs order by finished, key").fetchall()
-        texts = ("key", "name", "function", "version", "state", "message", "finished")
-        for row in rows:
-            known = {*texts, "settings", "inputs", "result", "seconds"} <= set(row.keys())
-            if not (
-                known and all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], (int, float))
-            ):
-                raise BadInput(
-                    f"{self.folder / LEDGER}: the row of the run {next(iter(row))!r} is damaged; put a copy of the "
-                    "store back, or name another folder."
-                )
+        """All runs of the ledger, oldest first; results without their arrays; damaged rows are left out."""
         return [
             Kept(
                 row["key"], row["name"], row["function"], _parsed(row["settings"]), _parsed(row["inputs"]),
                 row["version"], row["state"], _parsed(row["result"]), row["message"], float(row["seconds"]),
                 row["finished"],
             )
-            for row in rows
+            for row in self._all() if _whole(row)
         ]  # fmt: skip
+
+    def damaged(self) -> int:
+        """Number of rows of the ledger that cannot be read; their runs are computed again."""
+        return sum(not _whole(row) for row in self._all())
+
+    def _all(self) -> list[sqlite3.Row]:
+        with self._in_words():
+            return self._ledger.execute("select * from runs order by finished, key").fetchall()
 
     def result(self, key: str) -> Result:
         """Return a result with its arrays.
@@ -432,6 +428,14 @@ class _Owner:
             return False
         path.unlink(missing_ok=True)
         return False
+
+
+def _whole(row: sqlite3.Row) -> bool:
+    """Whether a row has the columns of the ledger with values of their types."""
+    texts = ("key", "name", "function", "settings", "inputs", "version", "state", "result", "message", "finished")
+    return {*texts, "seconds"} <= set(row.keys()) and (
+        all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], int | float)
+    )
 
 
 def _parsed(text: str) -> dict[str, Any]:
