@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
@@ -14,7 +14,7 @@ from rigtwin.compare.diagnose.selection.name_effects import ALARM
 from rigtwin.compare.report.figure_file import FigureFile
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
-from rigtwin.lab.formatting import unit_of
+from rigtwin.lab.formatting import counted, unit_of
 
 
 def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -> str:
@@ -50,7 +50,9 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -
         stability=diagnosis.stability.in_words() if diagnosis.stability else "",
         where=in_words(diagnosis.location),
         regions=diagnosis.where[:12],
-        candidates=[_candidate_row(diagnosis.lab, one) for one in _leading(diagnosis)],
+        candidates=in_order(
+            [(one, _candidate_row(diagnosis.lab, one)) for one in _leading(diagnosis)], diagnosis.chosen
+        ),
         added=_added(diagnosis),
         gaps=gap_rows(diagnosis.gap),
         gap_noise=diagnosis.gap.noise if diagnosis.gap else "",
@@ -68,13 +70,49 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -
 
 
 def _leading(diagnosis: Diagnosis) -> list[Any]:
-    """All single candidates and the ten best larger sets, largest gain first."""
+    """All single candidates, the ten best larger sets, and the chosen one."""
     if diagnosis.naming is None:
         return []
     order = sorted(diagnosis.naming.tried, key=lambda one: -one.gain)
     singles = [one for one in order if len(one.terms) == 1]
-    more = [one for one in order if len(one.terms) > 1][:10]
-    return sorted([*singles, *more], key=lambda one: -one.gain)
+    sets = [one for one in order if len(one.terms) > 1]
+    chosen = () if diagnosis.chosen is None else diagnosis.chosen.names
+    return [*singles, *sets[:10], *(one for one in sets[10:] if one.names == chosen)]
+
+
+def in_order(candidates: Sequence[tuple[Any, dict[str, str]]], chosen: Any) -> list[dict[str, str]]:
+    """Return the rows of candidates with what became of each.
+
+    Parameters
+    ----------
+    candidates : sequence of tuple
+        Candidates, which have names, gain and reason, with their rows.
+    chosen : candidate or None
+        The one that was chosen.
+
+    Returns
+    -------
+    list of dict
+        The chosen one first, then those that are not refused, then the refused ones, each by decreasing gain.
+    """
+
+    def outcome(one: Any) -> tuple[int, str]:
+        if chosen is not None and one.names == chosen.names:
+            return 0, "chosen"
+        if one.reason:
+            return 2, f"refused: {one.reason}"
+        if chosen is None:
+            return 1, ""
+        more, gained = len(one.names) - len(chosen.names), one.gain - chosen.gain
+        if more > 0 and gained > 0:
+            return 1, f"gains {gained:.4g} more by {counted(more, 'effect')} more"
+        return 1, f"gains {-gained:.4g} less" if gained < 0 else f"gains {gained:.4g} more"
+
+    found = [(outcome(one), one.gain, row) for one, row in candidates]
+    return [
+        row | {"outcome": words, "refused": "yes" if rank == 2 else ""}
+        for (rank, words), _, row in sorted(found, key=lambda each: (each[0][0], -each[1]))
+    ]
 
 
 def _candidate_row(lab: TrackedLab, candidate: Any) -> dict[str, str]:
@@ -84,7 +122,6 @@ def _candidate_row(lab: TrackedLab, candidate: Any) -> dict[str, str]:
         "kind": ", ".join(dict.fromkeys(term.kind for term in candidate.terms)),
         "gain": f"{candidate.gain:.1f}",
         "parameters": parameters_in_words(found),
-        "refused": candidate.reason,
     }
 
 

@@ -10,7 +10,7 @@ from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, parameter
 from rigtwin.compare.diagnose.bulk.naming import ALARM, BulkCandidate
 from rigtwin.compare.diagnose.figures import BEFORE, NOISE
 from rigtwin.compare.diagnose.fitting import strained
-from rigtwin.compare.diagnose.page import gap_rows, parameters_in_words
+from rigtwin.compare.diagnose.page import gap_rows, in_order, parameters_in_words
 from rigtwin.compare.report.figure_file import FigureFile, figure_file
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
@@ -35,7 +35,7 @@ def bulk_page(found: BulkDiagnosis, figure: FigureFile, text: Methods) -> str:
         stability="",
         where=found.where_in_words,
         regions=found.where[:12],
-        candidates=[_row(one) for one in found.naming.tried],
+        candidates=in_order([(one, _row(one)) for one in found.naming.tried], found.shown),
         added=_added(found),
         gaps=gap_rows(found.gap),
         gap_noise=found.gap.noise,
@@ -89,7 +89,6 @@ def _row(candidate: BulkCandidate) -> dict[str, str]:
         "kind": ", ".join(dict.fromkeys(one.kind for one in candidate.effects)),
         "gain": f"{candidate.gain:.1f}",
         "parameters": parameters_in_words(parameters_of(candidate)),
-        "refused": candidate.reason,
     }
 
 

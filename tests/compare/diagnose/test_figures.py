@@ -101,6 +101,20 @@ def test_a_scale_off_by_twenty_stated_uncertainties_is_reported_first_of_all(tmp
     assert "no calibration but a disagreement" in in_words(found.to_json()["strained"])
 
 
+def test_the_table_of_candidates_begins_with_the_chosen_one_and_ends_with_the_refused_ones(tmp_path):
+    lab = read_tracked_lab(write_pendulums(tmp_path, moment=2e-6))
+    found = diagnose(lab, listed=[named(name) for name in ("pivot_friction", "linear_drag", "frame_rate_error")])
+    html = page(found, figures(found), Methods(()))
+    table = html[html.index("which effect it is") : html.index("what enters the model")]
+    outcomes = [row.rsplit("<td>", 1)[1].split("</td>")[0] for row in table.split("<tr")[2:]]
+    assert outcomes[0] == "chosen"
+    assert 'class="quantity">pivot friction (Coulomb)<' in table.split("<tr")[2]
+    refused = [one.startswith("refused: ") for one in outcomes]
+    assert any(refused)
+    assert refused == sorted(refused)
+    assert all(one.startswith("gains ") for one, so in zip(outcomes[1:], refused[1:], strict=True) if not so)
+
+
 def test_the_command_writes_the_figures_beside_the_page(tmp_path):
     lab = write_pendulums(tmp_path / "lab")
     result = CliRunner().invoke(app, ["diagnose", str(lab), "--out", str(tmp_path / "out")])
