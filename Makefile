@@ -1,6 +1,6 @@
 # Every target sets itself up in .venv from uv.lock; a second run installs nothing.
 .DELETE_ON_ERROR:
-.PHONY: demo docs test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-verdicts bench-review release-check faults fuzz clean
+.PHONY: demo docs test test-slow lint format smoke verify bench bench-measure bench-footage bench-guards bench-unseen bench-diagnose bench-diagnose-independent bench-diagnose-bulk bench-decks bench-calibrate bench-search bench-campaign bench-sweep bench-verdicts bench-review release-check faults fuzz soak clean
 
 PYTHON ?= python3
 BIN := .venv/bin
@@ -131,6 +131,10 @@ faults: $(READY)
 # SEED=7 COUNT=10000 make fuzz: damaged and absurd input of every kind; twenty minutes
 fuzz: $(READY)
 	$(BIN)/python benchmarks/fuzz.py
+
+# COUNT=1000 make soak: a thousand measurements and two hundred twins in one process; an hour
+soak: $(READY)
+	$(BIN)/python benchmarks/soak.py
 
 clean:
 	rm -rf .venv .typing out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
