@@ -37,6 +37,7 @@ Truth = dict[tuple[str, str, object], float]  # by quantity, method, and bounce 
 
 SEED = int(os.environ.get("SEED", "1"))
 OFF = 2.0  # standard uncertainties: a larger error is flagged, or silent
+WIDE = 1.96  # standard uncertainties, half of a 95 % interval
 FAR = 3.0  # of these none may be silent; two are passed by chance in one of twenty numbers
 
 CLEAN = Footage()
@@ -384,18 +385,28 @@ def taken_up(cases: Mapping[str, Iterable[str]], only: Sequence[str]) -> dict[st
 
 
 def table(rig: str, names: Sequence[str], count: int, read: Read) -> list[Row]:
-    """A row of each hardness, reported on stderr number by number."""
-    rows = []
+    """A row of each hardness, reported on stderr number by number, and one of the coverage of them all."""
+    rows, everything, clips = [], list[Reading](), 0
     with tempfile.TemporaryDirectory() as folder:
         for name in names:
             seen, refused = list[Reading](), 0
             for seed in range(SEED, SEED + count):
                 found, note = read(rig, name, seed, Path(folder))
                 refused += not found
+                clips += bool(found)
                 seen += found
                 sys.stderr.writelines(_report(rig, name, found, note))
             rows.append(_row(rig, name, seen, refused))
-    return rows
+            everything += seen
+    return [*rows, coverage(rig, everything, clips)]
+
+
+def coverage(rig: str, found: Sequence[Reading], clips: int) -> Row:
+    """Share of the numbers that are not flagged whose 95 % interval holds the truth."""
+    trusted = [reading for reading in found if not reading.flagged]
+    share = float(np.mean([abs(reading.off) <= WIDE for reading in trusted])) if trusted else math.nan
+    note = f"{len(trusted)} numbers that are not flagged, of {clips} clips or photos"
+    return Row(f"{rig}: 95 % intervals that hold the truth", share, note=note)
 
 
 def _report(rig: str, name: str, found: Sequence[Reading], note: str) -> Iterator[str]:
