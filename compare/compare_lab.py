@@ -501,7 +501,7 @@ def _outcome(experiment: Experiment, ran: _Ran, count: int | None) -> Outcome:
         assumed=entry.assumed(ran.filmed[experiment.id], count) if own else (),
         seen=ran.seen[experiment.id],
         scatter=partial(known_scatter, experiment),
-        failed_checks=measured.failed_checks,
+        failed_checks=measured.failed_beside,
     )
     shapes = comparable(entry.curves(experiment, measured.measurements, sound)) if sound else ()
     return Outcome(

@@ -381,7 +381,7 @@ def deviations(
     assumed: Sequence[str] = (),
     seen: str = "",
     scatter: Callable[[str], Scatter] | None = None,
-    failed_checks: Sequence[CheckLine] = (),
+    failed_checks: Callable[[Key], Sequence[CheckLine]] | None = None,
 ) -> tuple[Deviation, ...]:
     """Compare each measured quantity with that of the twin.
 
@@ -410,8 +410,9 @@ def deviations(
     scatter : callable, optional
         Returns for the name of a quantity what is known beforehand of its scatter from repetition to repetition, and
         from run to run of a twin with a `run_name`.
-    failed_checks : sequence of CheckLine
-        Checks of the measurement that failed, whether or not a value rests on them.
+    failed_checks : callable, optional
+        Returns for the key of a quantity the checks that failed in the repetitions of which its value is the mean,
+        whether or not it rests on them.
 
     Returns
     -------
@@ -430,7 +431,6 @@ def deviations(
     JCGM 100:2008 (GUM), annex G.4.
     """
     given = set_from or {}
-    failed = ", ".join(check.name for check in failed_checks)
 
     def prior(name: str) -> Scatter | None:
         return None if scatter is None or name in given else scatter(name)
@@ -444,6 +444,7 @@ def deviations(
         one = _deviation(experiment, rig, key, row, twin, given.get(key[0], ""), run_name, without_twin)
         about = [f"the twin takes from the media {seen}"] if seen and other is not None else []
         about += [f"the twin assumes {', '.join(assumed)}"] if assumed and other is not None else []
+        failed = ", ".join(check.name for check in failed_checks(key)) if failed_checks is not None else ""
         one = replace(one, failed_check=failed, note="; ".join(filter(None, (one.note, *about))))
         if other is not None and other != key:
             one = replace(

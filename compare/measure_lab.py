@@ -61,7 +61,7 @@ class LabMeasurements:
                 set_from=set_by_hand(one.experiment),
                 without_twin="only measured",
                 scatter=partial(known_scatter, one.experiment),
-                failed_checks=one.failed_checks,
+                failed_checks=one.failed_beside,
             )
         )
 

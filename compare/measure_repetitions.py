@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rigtwin.compare.deviation import MOMENTS, combine, group, key_of, over_views
+from rigtwin.compare.deviation import MOMENTS, Key, combine, group, key_of, over_views
 from rigtwin.compare.kept_measurements import KeptMeasurements
 from rigtwin.compare.result_files import observation, relative
 from rigtwin.compare.twins.matched import measured_start, stated_start
@@ -85,7 +85,27 @@ class Measured:
     @property
     def failed_checks(self) -> list[CheckLine]:
         """The checks that failed in a repetition or in several."""
-        return [one for one in check_lines(item.checks for item in self.measurements) if one.passed < one.of]
+        return _failed(self.measurements)
+
+    def failed_beside(self, key: Key) -> list[CheckLine]:
+        """The checks that failed in the repetitions whose value of this quantity is in its mean.
+
+        Parameters
+        ----------
+        key : tuple
+            The quantity, as of `rigtwin.compare.deviation.key_of`.
+
+        Returns
+        -------
+        list of CheckLine
+            Those of all repetitions where the value is doubtful in each.
+        """
+        sound = [
+            item
+            for item in self.measurements
+            if any(key_of(one) == key and not one.doubtful for one in over_views(item.quantities))
+        ]
+        return _failed(sound or self.measurements)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -304,6 +324,10 @@ class Pending:
             )
             for experiment in self.experiments
         }
+
+
+def _failed(measurements: Sequence[Measurement]) -> list[CheckLine]:
+    return [one for one in check_lines(item.checks for item in measurements) if one.passed < one.of]
 
 
 def _counted_once(found: Sequence[Measurement]) -> tuple[Measurement, ...]:

@@ -490,7 +490,11 @@ def test_a_stated_mean_has_the_scatter_of_its_repetitions():
 def test_notes_stand_in_their_order_with_semicolons():
     failed = [CheckLine("scale", 0, 1, "off"), CheckLine("roll", 0, 1, "off")]
     (row,) = compared(
-        [quantity(0.5)] * 2, [quantity(0.5, method="time")], assumed=["a depth"], seen="a fill", failed_checks=failed
+        [quantity(0.5)] * 2,
+        [quantity(0.5, method="time")],
+        assumed=["a depth"],
+        seen="a fill",
+        failed_checks=lambda key: failed,
     )
     assert row.note == (
         "the twin takes from the media a fill; the twin assumes a depth; the twin's value is by another method: time"

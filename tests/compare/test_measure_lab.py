@@ -336,6 +336,18 @@ def test_a_failed_check_stands_beside_rows_that_do_not_rest_on_it(lab, capsys):
     assert {row.failed_check for row in measure_lab(lab, lab / "out", only=["drop"]).means} == {"gravity"}
 
 
+def test_a_check_that_failed_in_a_repetition_that_is_left_out_does_not_stand_beside_the_mean(lab, tmp_path):
+    for number in (1, 2):
+        (lab / "drops" / f"r{number}.csv").write_text(falls(0.5 + number / 100))
+    (lab / "drops" / "r10.csv").write_text(falls(0.6, clock=1.3))
+    rows = {(row.quantity, row.method): row for row in measure_lab(lab, tmp_path / "out", only=["drop"]).means}
+    velocity, height = (rows["restitution_wall", method] for method in ("velocity", "height"))
+    assert velocity.measured_n == 2  # the third is doubtful
+    assert not velocity.failed_check
+    assert height.measured_n == 3
+    assert height.failed_check == "gravity"
+
+
 def test_sizes_that_no_twin_can_have_are_named_where_only_the_media_are_measured(tmp_path):
     keys = 'id = "flow"\nrig = "hopper"\nparticle = "D6"\nwall = "PMMA"\nvariant = "slot"\nrepetitions = ["flow.csv"]\n'
     shares = (200 * max(0.0, min(1.0, 1.25 - k / 120)) for k in range(200))
