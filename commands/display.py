@@ -15,6 +15,7 @@ import typer
 from rich.markup import escape
 
 from rigtwin.commands.log_file import LOG_EVERY, LOGGER
+from rigtwin.lab.formatting import counted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -289,7 +290,7 @@ def show_runs(rows: Sequence[Kept], as_json: bool, quiet: bool) -> None:
 def _totals(rows: Sequence[Kept]) -> str:
     failed = sum(row.state == "failed" for row in rows)
     seconds = sum(row.seconds for row in rows)
-    return f"{len(rows)} runs, {failed} of them failed, {seconds:.0f} s of computing"
+    return f"{counted(len(rows), 'run')}, {failed} of them failed, {seconds:.0f} s of computing"
 
 
 def show_run(row: Kept, result: Mapping[str, Any], as_json: bool, quiet: bool) -> None:

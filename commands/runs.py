@@ -25,7 +25,7 @@ def runs(
         typer.Argument(metavar="NAME", help="Runs, by name or key; for export FILE.parquet or FILE.csv."),
     ] = None,
     *,
-    failed: Annotated[bool, typer.Option("--failed", help="Drop all runs that failed.")] = False,
+    failed: Annotated[bool, typer.Option("--failed", help="Drop all runs that failed, and damaged rows.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -49,8 +49,9 @@ def runs(
         raise BadInput("drop: name the runs to drop, or give --failed.")
     with Store(_place(folder), create=False) as store:
         if damaged := store.damaged():
-            rows = counted(damaged, "row")
-            typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; such runs are computed again.", err=True)
+            rows = counted(len(damaged), "row")
+            advice = "such runs are computed again; drop --failed removes them"
+            typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; {advice}.", err=True)
         if action == "list":
             show_runs(store.rows(), as_json, quiet)
         elif action == "show":
@@ -66,7 +67,10 @@ def runs(
             kept = [row for row in store.rows() if row.state == "failed"] if failed else []
             dropped = {row.key: row for row in (*(_row(store, name) for name in given), *kept)}
             store.drop(tuple(dropped))
-            _print({"dropped": sorted(dropped)}, f"Dropped {counted(len(dropped), 'run')}.", as_json, quiet)
+            unread = store.drop_damaged() if failed else 0
+            also = f" and {counted(unread, 'damaged row')}" if unread else ""
+            words = f"Dropped {counted(len(dropped), 'run')}{also}."
+            _print({"dropped": sorted(dropped), "damaged_rows": unread}, words, as_json, quiet)
         else:
             count = store.export(Path(given[0]))
             _print({"file": given[0], "runs": count}, f"Wrote {counted(count, 'run')} to {given[0]}.", as_json, quiet)

@@ -130,7 +130,7 @@ class Deviation:
     """Where that scatter comes from."""
     doubtful: str = ""
     failed_check: str = ""
-    """Names of the checks of the measurement that failed, also where this value does not rest on them."""
+    """Names of the checks that failed in the repetitions of which this is the mean, whether or not it rests on them."""
     note: str = ""
     budget: dict[str, float] = field(default_factory=dict)
 

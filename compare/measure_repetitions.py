@@ -88,7 +88,7 @@ class Measured:
         return _failed(self.measurements)
 
     def failed_beside(self, key: Key) -> list[CheckLine]:
-        """The checks that failed in the repetitions whose value of this quantity is in its mean.
+        """The checks that failed in the repetitions of which a value is the mean.
 
         Parameters
         ----------
@@ -98,14 +98,13 @@ class Measured:
         Returns
         -------
         list of CheckLine
-            Those of all repetitions where the value is doubtful in each.
+            None for a value that is stated.
         """
-        sound = [
-            item
-            for item in self.measurements
-            if any(key_of(one) == key and not one.doubtful for one in over_views(item.quantities))
-        ]
-        return _failed(sound or self.measurements)
+        if any(key_of(one) == key for one in self.experiment.measured):
+            return []
+        having = [(item, group(over_views(item.quantities)).get(key, [])) for item in self.measurements]
+        sound = [item for item, values in having if any(not one.doubtful for one in values)]
+        return _failed(sound or [item for item, values in having if values])
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -31,6 +31,7 @@ from rigtwin.lab.errors import (
     reword,
 )
 from rigtwin.lab.quantity import Measurement, reworded
+from rigtwin.lab.rigs import RIGS
 from rigtwin.lab.tracked.table import is_table
 from rigtwin.measure.drawing import (
     ORANGE,
@@ -118,9 +119,10 @@ def _with_values(found: Measurement, camera: object) -> Measurement:
 
 def _with_medium(media: Sequence[Path], error: NothingToMeasure) -> str:
     """The message of a refusal with the file: an evaluation, which works on records, names the rig at most."""
-    if len(media) != 1 or str(media[0]) in error.message:
+    if len(media) != 1 or error.message.startswith(f"{media[0]}: "):
         return error.message
-    return f"{media[0]}: {re.sub(r'^(measure )?[a-z]+: ', '', error.message)}"
+    words = re.sub(rf"^(measure )?({'|'.join(RIGS)}): ", "", error.message)
+    return error.message if f"{media[0]}:" in words else f"{media[0]}: {words}"
 
 
 def _with_lost_end(media: Sequence[Path], error: NothingToMeasure) -> str:

@@ -141,13 +141,28 @@ def test_a_folder_without_a_store_is_refused(tmp_path, capsys):
     assert "is not a ledger of runs" in refused(capsys, tmp_path)
 
 
-def test_a_damaged_row_of_the_ledger_is_left_out_and_the_others_stay(folder, capsys):
+@pytest.mark.parametrize("change", ["seconds = x'00ff'", "finished = null", "result = '{\"bed_hei'", "state = 'dome'"])
+def test_a_damaged_row_is_left_out_computed_again_and_can_be_dropped(folder, capsys, change):
     with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
-        ledger.execute("update runs set seconds = x'00ff' where name = 'bed-2'")
+        ledger.execute(f"update runs set {change} where name = 'bed-2'")
     assert run(["runs", str(folder), "--json"]) == 0
     said = capsys.readouterr()
     assert {row["name"] for row in json.loads(said.out)["runs"]} == {"bed-1", "bed-3"}
     assert "1 row of the ledger cannot be read" in said.err
+    with Store(folder / "runs") as store:
+        assert not store.find([one("bed-2", "many")])
+        assert store.claim(one("bed-2", "many")) == "ours"
+    assert document(capsys, folder, "drop", "--failed")["damaged_rows"] == 1
+    assert run(["runs", str(folder)]) == 0
+    said = capsys.readouterr()
+    assert "1 run," in said.out
+    assert not said.err
+
+
+def test_a_ledger_without_one_of_its_columns_is_refused(folder, capsys):
+    with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
+        ledger.execute("alter table runs drop column seconds")
+    assert "is damaged, it has no seconds; put a copy of the store back" in refused(capsys, folder)
 
 
 def test_a_name_that_is_no_text_is_shown_as_such(folder, capsys):

@@ -354,6 +354,13 @@ LISTED = (
         _by_rig(drop=(2.5e-5, 6e-5, 4e-4), pendulum=(4e-5, 1e-4, 6e-4)),
         "scatter along the path that grows with the speed",
     ),
+    Effect(
+        "lubricated_sliding",
+        ("velocity dependent friction", "velocity dependent sliding friction", "viscous sliding", "lubrication"),
+        "viscous_sliding",  # [1/s]
+        _by_rig(slide=(0.05, 0.2, 1.0)),
+        "a drag that grows with the sliding speed: at one load a friction that does",
+    ),
 )
 
 UNLISTED = (
@@ -395,11 +402,6 @@ UNLISTED = (
         _by_rig(slide=(0.02, 0.06, 0.2)), "the normal force swings at 3 Hz", listed=False,
         # on arms of one friction a normal force that swings is a force along the arm that does
         terms=(("sin(2 pi t / period) + d cos(2 pi t / period)",),), shape={"period": 1 / 3},
-    ),
-    Effect(
-        "lubricated_sliding", ("viscous sliding", "lubrication"), "viscous_sliding",  # [1/s]
-        _by_rig(slide=(0.05, 0.2, 1.0)), "a drag that grows with the sliding speed", listed=False,
-        also=("velocity_dependent_friction",), terms=(("v",),),
     ),
     Effect(
         "rippled_track", ("ripple", "waviness"), "ripple",  # [m/s^2]

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Literal
+from typing import IO, TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEDGER = "ledger.sqlite"
+TEXTS = ("key", "name", "function", "settings", "inputs", "version", "state", "result", "message", "finished")
 PATIENCE = 60.0  # [s], waiting for another process that writes to the ledger
 
 TABLES = """
@@ -42,6 +43,9 @@ create table if not exists runs (
 );
 create table if not exists claims (key text primary key, owner text);
 """
+
+
+State = Literal["done", "failed"]
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Kept:
     settings: Mapping[str, Any]
     inputs: Mapping[str, Any]
     version: str
-    state: Literal["done", "failed"]
+    state: State
     result: Result
     message: str  # why it failed
     seconds: float  # [s], wall-clock time of the run
@@ -90,6 +94,7 @@ class Store:
             try:
                 self._ledger.execute("pragma journal_mode = wal")
                 self._ledger.executescript(TABLES)
+                self._need_columns()
             except BaseException:
                 self._ledger.close()
                 raise
@@ -145,7 +150,8 @@ class Store:
         """
         with self._in_words():
             row = self._ledger.execute("select * from runs where key = ? and state = 'failed'", (run.key,)).fetchone()
-        return "" if row is None or not same_inputs(_parsed(row["inputs"]), run.inputs) else str(row["message"])
+        known = row is not None and _whole(row) and same_inputs(_parsed(row["inputs"]), run.inputs)
+        return str(row["message"]) if known else ""
 
     def keep(self, run: Run, result: Result, seconds: float) -> None:
         """Keep the result of a finished run; its claim ends.
@@ -227,13 +233,28 @@ class Store:
             for row in self._all() if _whole(row)
         ]  # fmt: skip
 
-    def damaged(self) -> int:
-        """Number of rows of the ledger that cannot be read; their runs are computed again."""
-        return sum(not _whole(row) for row in self._all())
+    def damaged(self) -> list[int]:
+        """Numbers of the rows of the ledger that cannot be read; their runs are computed again."""
+        return [row["number"] for row in self._all() if not _whole(row)]
+
+    def drop_damaged(self) -> int:
+        """Delete the rows of the ledger that cannot be read; returns their number."""
+        with self._transaction():
+            numbers = self.damaged()
+            self._ledger.executemany("delete from runs where rowid = ?", [(number,) for number in numbers])
+        return len(numbers)
 
     def _all(self) -> list[sqlite3.Row]:
         with self._in_words():
-            return self._ledger.execute("select * from runs order by finished, key").fetchall()
+            return self._ledger.execute("select rowid as number, * from runs order by finished, key").fetchall()
+
+    def _need_columns(self) -> None:
+        columns = {row["name"] for row in self._ledger.execute("pragma table_info(runs)")}
+        if missing := [name for name in (*TEXTS, "seconds") if name not in columns]:
+            raise BadInput(
+                f"{self.folder / LEDGER}: is damaged, it has no {' and no '.join(missing)}; put a copy of the store "
+                "back, or name another folder."
+            )
 
     def result(self, key: str) -> Result:
         """Return a result with its arrays.
@@ -327,7 +348,7 @@ class Store:
             row: sqlite3.Row | None = self._ledger.execute(
                 "select * from runs where key = ? and state = 'done'", (run.key,)
             ).fetchone()
-        return row if row is not None and same_inputs(_parsed(row["inputs"]), run.inputs) else None
+        return row if row is not None and _whole(row) and same_inputs(_parsed(row["inputs"]), run.inputs) else None
 
     def _result(self, row: sqlite3.Row) -> Result:
         """The result of a row, with its arrays; empty if it is damaged."""
@@ -431,11 +452,14 @@ class _Owner:
 
 
 def _whole(row: sqlite3.Row) -> bool:
-    """Whether a row has the columns of the ledger with values of their types."""
-    texts = ("key", "name", "function", "settings", "inputs", "version", "state", "result", "message", "finished")
-    return {*texts, "seconds"} <= set(row.keys()) and (
-        all(isinstance(row[name], str) for name in texts) and isinstance(row["seconds"], int | float)
-    )
+    """Whether a row can be read: texts, among them three JSON objects, a known state and a time."""
+    if not all(isinstance(row[name], str) for name in TEXTS) or not isinstance(row["seconds"], int | float):
+        return False
+    try:
+        objects = [json.loads(row[name]) for name in ("settings", "inputs", "result")]
+    except ValueError:
+        return False
+    return all(isinstance(one, dict) for one in objects) and row["state"] in get_args(State)
 
 
 def _parsed(text: str) -> dict[str, Any]:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.fitting.parameter_uncertainty import parameters
+from rigtwin.compare.diagnose.selection.candidate import Candidate
+from rigtwin.compare.diagnose.selection.complexity_penalty import SECOND
 from rigtwin.compare.diagnose.selection.gap import Gap, closed
 from rigtwin.compare.diagnose.selection.name_effects import ALARM
 from rigtwin.compare.report.figure_file import FigureFile
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
-from rigtwin.lab.formatting import counted, unit_of
+from rigtwin.lab.formatting import unit_of
+
+if TYPE_CHECKING:
+    from rigtwin.compare.diagnose.bulk.naming import BulkCandidate
 
 
 def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -> str:
@@ -51,7 +56,9 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -
         where=in_words(diagnosis.location),
         regions=diagnosis.where[:12],
         candidates=in_order(
-            [(one, _candidate_row(diagnosis.lab, one)) for one in _leading(diagnosis)], diagnosis.chosen
+            [(one, _candidate_row(diagnosis.lab, one)) for one in _leading(diagnosis)],
+            diagnosis.chosen,
+            naming.alike if naming is not None and diagnosis.verdict == "indistinguishable" else (),
         ),
         added=_added(diagnosis),
         gaps=gap_rows(diagnosis.gap),
@@ -64,58 +71,64 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -
         overview=plots[1:][-1:],
         tried=len(naming.tried) if naming is not None else 0,
         first_gain=f"{ALARM:g}",
+        further_gain=f"{SECOND:g}",
         methods=text,
         seconds=diagnosis.seconds,
     )
 
 
-def _leading(diagnosis: Diagnosis) -> list[Any]:
-    """All single candidates, the ten best larger sets, and the chosen one."""
+def _leading(diagnosis: Diagnosis) -> list[Candidate]:
+    """The chosen candidate, all single ones and the ten best larger sets."""
     if diagnosis.naming is None:
         return []
     order = sorted(diagnosis.naming.tried, key=lambda one: -one.gain)
-    singles = [one for one in order if len(one.terms) == 1]
-    sets = [one for one in order if len(one.terms) > 1]
-    chosen = () if diagnosis.chosen is None else diagnosis.chosen.names
-    return [*singles, *sets[:10], *(one for one in sets[10:] if one.names == chosen)]
+    shown = [
+        *(() if diagnosis.chosen is None else (diagnosis.chosen,)),
+        *(one for one in order if len(one.terms) == 1),
+        *[one for one in order if len(one.terms) > 1][:10],
+    ]
+    return list({one.names: one for one in reversed(shown)}.values())
 
 
-def in_order(candidates: Sequence[tuple[Any, dict[str, str]]], chosen: Any) -> list[dict[str, str]]:
+def in_order(
+    candidates: Sequence[tuple[Candidate | BulkCandidate, dict[str, str]]],
+    chosen: Candidate | BulkCandidate | None,
+    alike: Sequence[Candidate | BulkCandidate],
+) -> list[dict[str, str]]:
     """Return the rows of candidates with what became of each.
 
     Parameters
     ----------
     candidates : sequence of tuple
-        Candidates, which have names, gain and reason, with their rows.
-    chosen : candidate or None
+        Candidates with their rows.
+    chosen : Candidate, BulkCandidate or None
         The one that was chosen.
+    alike : sequence of Candidate or BulkCandidate
+        Those that explain the data as well as the chosen one.
 
     Returns
     -------
     list of dict
-        The chosen one first, then those that are not refused, then the refused ones, each by decreasing gain.
+        The chosen one first, then those alike, those that are not refused, and the refused ones, each by decreasing
+        gain.
     """
+    equal = [one.names for one in alike]
 
-    def outcome(one: Any) -> tuple[int, str]:
+    def outcome(one: Candidate | BulkCandidate) -> str:
         if chosen is not None and one.names == chosen.names:
-            return 0, "chosen"
-        if one.reason:
-            return 2, f"refused: {one.reason}"
-        if chosen is None:
-            return 1, ""
-        more, gained = len(one.names) - len(chosen.names), one.gain - chosen.gain
-        if more > 0 and gained > 0:
-            return 1, f"gains {gained:.4g} more by {counted(more, 'effect')} more"
-        return 1, f"gains {-gained:.4g} less" if gained < 0 else f"gains {gained:.4g} more"
+            return "chosen"
+        if one.names in equal:
+            return "explains the data equally well"
+        return f"refused: {one.reason}" if one.reason else ""
 
-    found = [(outcome(one), one.gain, row) for one, row in candidates]
-    return [
-        row | {"outcome": words, "refused": "yes" if rank == 2 else ""}
-        for (rank, words), _, row in sorted(found, key=lambda each: (each[0][0], -each[1]))
-    ]
+    def rank(one: Candidate | BulkCandidate) -> int:
+        return ("chosen", "explains", "", "refused:").index(outcome(one).split(" ")[0])
+
+    ordered = sorted(candidates, key=lambda each: (rank(each[0]), -each[0].gain))
+    return [row | {"outcome": outcome(one), "refused": one.reason} for one, row in ordered]
 
 
-def _candidate_row(lab: TrackedLab, candidate: Any) -> dict[str, str]:
+def _candidate_row(lab: TrackedLab, candidate: Candidate) -> dict[str, str]:
     found = parameters(lab, candidate.fitted, candidate.terms)
     return {
         "names": " + ".join(term.title for term in candidate.terms),

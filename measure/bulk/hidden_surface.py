@@ -1,7 +1,8 @@
 """Detect occlusions of the surface of a bed behind glass: glare, or an object in front of it.
 
-The surface is not known where glare covers more than the highlight of a bead, where no grains are seen below the
-outline, and where the outline leaves its straight course by more than a bead, as before something in front of the bed.
+The surface is not known where glare larger than the highlight of a bead lies on it or ends at it, where no grains are
+seen below the outline, and where the outline leaves its straight course by more than a bead, as before something in
+front of the bed.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from rigtwin.measure.geometry.lines import at, straight
 
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
 BELOW = (0.7, 4.0)  # [bead radii] below the outline: objects behind the cylinder end at the outline
-BESIDE = (0.5, 2.0)  # [bead radii] from the outline: glare there on both sides lies on it
+NEARBY = (0.5, 2.0)  # [bead radii] from the outline; glare nearer may be the highlight of a bead at it
 GRAINS = 0.5  # least mean probability of grains there
 # least height and largest width of a strip of glare, over those of the picture; chosen on one of 14 photos by a path
 # tracer, tested on drawn beds only
@@ -81,21 +82,29 @@ def _off_level(found: Silhouette, seen: Mask) -> Mask:
 
 
 def under_glare(found: Silhouette, glare: Mask) -> Mask:
-    """Columns in which glare larger than the highlight on a bead lies on both sides of the outline, shape (n,).
+    """Columns in which glare larger than the highlight on a bead may hide the surface, shape (n,).
 
-    Overexposed beads end at the outline, an overexposed background begins there: neither hides it.
+    It lies on both sides of the outline, or above it and ends within the picture, as a lamp's reflection does.
+    Overexposed beads end at the outline; an overexposed background begins there and goes on to the picture's edge.
     """
     radius = found.bead_radius
     size = odd(0.8 * radius)
-    patch = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
-    if not patch.any():
+    patches = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
+    if not patches.any():
         return np.zeros(len(found.x), dtype=bool)
     height = np.nan_to_num(found.height)
 
-    def near(sign: int) -> Mask:
-        steps = sign * np.arange(*BESIDE, 0.25) * radius
-        seen = [at(patch, found.view.to_picture(found.x, height + step)) > 0 for step in steps]
-        return np.asarray(np.any(seen, axis=0))
+    def near(patch: Mask, sign: int) -> Mask:
+        steps = sign * np.arange(*NEARBY, 0.25) * radius
+        seen = [at(patch.astype(np.uint8), found.view.to_picture(found.x, height + step)) > 0 for step in steps]
+        return np.asarray(np.any(seen, axis=0) & np.isfinite(found.height))
 
-    both = (near(1) & near(-1)).astype(np.uint8)
-    return np.asarray(cv2.dilate(both[None], np.ones((1, odd(3 * radius)), np.uint8))[0] > 0)
+    hidden = near(_inner(patches > 0), 1) | (near(patches > 0, 1) & near(patches > 0, -1))
+    return np.asarray(cv2.dilate(hidden.astype(np.uint8)[None], np.ones((1, odd(3 * radius)), np.uint8))[0] > 0)
+
+
+def _inner(patches: Mask) -> Mask:
+    """The patches that do not reach the picture's edge."""
+    _, labels = cv2.connectedComponents(patches.astype(np.uint8), connectivity=8)
+    edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    return patches & ~np.isin(labels, edge)

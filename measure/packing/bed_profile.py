@@ -19,7 +19,7 @@ PITCH_RANGE = 2.2
 # that of layers drawn at random (benchmarks/measure/bulk_coverage.py): 0.067 from bed to bed, 0.05 in the middle.
 OUTLINE_ABOVE, OUTLINE_SPREAD = 0.30, 0.08
 
-INSIDE = 0.95  # share of the inner radius that is read: at the wall the outline falls with the side of the last bead
+READ = 0.95  # share of the inner radius that is read: at the wall the outline falls with the side of the last bead
 
 ROUGHEST = 0.6  # [bead diameters], largest rms roughness; outlines of settled beds of a DEM have 0.15 to 0.35
 
@@ -55,9 +55,9 @@ def inside_cylinder(profile: Profile, cylinder: float | None) -> tuple[Array, Ar
     finite = np.isfinite(profile.height) & np.isfinite(profile.x)
     x, height = profile.x[finite], profile.height[finite]
     if cylinder is not None:
-        inside = np.abs(x) < INSIDE * cylinder / 2
+        inside = np.abs(x) < READ * cylinder / 2
     elif len(x):
-        reach = INSIDE * float(np.ptp(x)) / 2
+        reach = READ * float(np.ptp(x)) / 2
         inside = np.abs(x - (x.max() + x.min()) / 2) < reach
     else:
         inside = np.zeros(0, dtype=bool)

@@ -20,8 +20,7 @@ from rigtwin.measure.bulk.outline import Silhouette, View
 from rigtwin.measure.bulk.outline_above import surface_between
 from rigtwin.measure.geometry.horizon import Level, level_of
 from rigtwin.measure.geometry.lines import at, long_lines
-from rigtwin.measure.packing.bed_profile import INSIDE as READ
-from rigtwin.measure.packing.bed_profile import NEARER
+from rigtwin.measure.packing.bed_profile import NEARER, READ
 from rigtwin.measure.packing.graduations import Gauge, find_gauge, other_sizes
 from rigtwin.measure.packing.grain_region import (
     CORE,
@@ -56,14 +55,17 @@ ELSEWHERE = 0.5
 CLEARLY_APART = 0.08  # logarithm of the ratio of their scales, more than beads can decide below
 LOOKING = (-0.1, 0.6)  # slope of the line of sight to the floor: from slightly below its level to 30 degrees above
 MOST_LEAN = math.radians(7)
-USUAL_SLOPE = 0.1  # standard deviation of the slope of the line of sight to the surface: 6 degrees
+# slope of the line of sight to the surface: standard deviation, 6 degrees, assumed (11 photos by a path tracer whose
+# cameras were drawn from 0 to 10 degrees: 0.11); the steepest that is tried, 45 degrees
+USUAL_SLOPE, STEEPEST = 0.1, 1.0
 # [bead diameters], rise of the mean outline where the far side of the bed appears t above its near side:
-# hypot(RAISED_FROM, RAISED_BY t) - RAISED_FROM within 0.05 up to t = 4; its scatter.  Settled beds of a DEM, 8 to 22
-# beads wide, seen from 0 to 11 degrees above and from 12 sides
-RAISED_FROM, RAISED_BY, RAISED_SPREAD = 0.55, 0.35, 0.06
-# [bead diameters], height of the arch that the outlines of the same beds have: ARCH + hypot(ARCH_FROM, ARCH_BY t) -
-# ARCH_FROM; its scatter.  Their surfaces fall a little towards the wall
-ARCH, ARCH_FROM, ARCH_BY, ARCH_SPREAD = 0.3, 0.7, 0.6, 0.5
+# hypot(RAISED_FROM, RAISED_BY t) - RAISED_FROM; its scatter, and the part of it that grows with the rise.  Settled beds
+# of a DEM, 8 to 22 beads wide, t up to 5 (benchmarks/measure/beds_from_above.py)
+RAISED_FROM, RAISED_BY, RAISED_SPREAD, RAISED_SHARE = 0.55, 0.35, 0.05, 0.1
+# [bead diameters], height of the arch that the outlines of the same beds have, as they fall a little towards the wall:
+# ARCH + hypot(ARCH_FROM, ARCH_BY t) - ARCH_FROM; its scatter is 0.5 there and more in beds that were poured otherwise,
+# assumed
+ARCH, ARCH_FROM, ARCH_BY, ARCH_SPREAD = 0.3, 0.7, 0.6, 0.7
 INSIDE = 0.97  # share of the inner radius in which the outline is searched
 # [px], half of the 1 px blur under which edges are searched: shading shifts the clearest edge to one side within the
 # blur, by the same amount along the whole outline
@@ -182,27 +184,45 @@ class Bed:
 
         A camera above (or below) the surface sees its far (or near) side above its middle.  The front of the floor
         shows the slope of the line of sight at the floor; at the surface it is less, by surface height over camera
-        distance.  The outline is an arch then, as settled beds are, but less so.
+        distance.  The far side is an arch in the picture, so the outline shows the slope, too.
         """
         x, height = self.outline
-        half, grain = self.width / 2, 2 * self.bead_radius
+        half, bead = self.width / 2, 2 * self.bead_radius
         focal = FOCAL_LENGTH * self.longer_side
-        fallen = float(np.mean(height)) / focal
-        slopes = np.linspace(-4 * USUAL_SLOPE, 4 * USUAL_SLOPE, 401)
-        at_floor = math.hypot(fallen * FOCAL_UNCERTAINTY, self.bulge_sigma / half)
-        off = [(slopes - (self.bulge / half - fallen)) / at_floor, slopes / USUAL_SLOPE]
-        steep = slopes * self.width / grain
+        less = float(np.mean(height)) / focal
+        slopes = np.linspace(-STEEPEST, STEEPEST, 801)
+        rise = slopes * self.width / bead
+        at_floor_sigma = math.hypot(less * FOCAL_UNCERTAINTY, self.bulge_sigma / half)
+        misses = [(slopes - (self.bulge / half - less)) / at_floor_sigma, slopes / USUAL_SLOPE]
         read = np.abs(x) < READ * half
-        if np.sum(read) > 2:
-            along = x[read] / half
-            terms = np.column_stack([np.ones(len(along)), along, np.sqrt(1 - along**2)])
-            arch = np.linalg.lstsq(terms, height[read] / grain, rcond=None)[0][2]
-            off.append((arch - ARCH - np.hypot(ARCH_FROM, ARCH_BY * steep) + ARCH_FROM) / ARCH_SPREAD)
-        likely = np.exp(-0.5 * (np.sum(np.square(off), axis=0) - np.min(np.sum(np.square(off), axis=0))))
-        raised = np.hypot(RAISED_FROM, RAISED_BY * steep) - RAISED_FROM
-        mean = float(np.average(raised, weights=likely))
-        spread = math.sqrt(float(np.average((raised - mean) ** 2, weights=likely)))
-        return mean, math.hypot(spread, RAISED_SPREAD)
+        if np.sum(read) > bead:
+            arch, part = _arch(x[read] / half, height[read] / bead)
+            expected = ARCH + np.hypot(ARCH_FROM, ARCH_BY * rise) - ARCH_FROM
+            misses.append((arch - expected) / (ARCH_SPREAD * part))
+        deviance = np.sum(np.square(misses), axis=0)
+        weights = np.exp((np.min(deviance) - deviance) / 2)
+        lifted = np.hypot(RAISED_FROM, RAISED_BY * rise) - RAISED_FROM
+        mean = float(np.average(lifted, weights=weights))
+        spread = math.sqrt(float(np.average((lifted - mean) ** 2, weights=weights)))
+        return mean, math.hypot(spread, RAISED_SPREAD, RAISED_SHARE * mean)
+
+
+def _arch(along: Array, height: Array) -> tuple[float, float]:
+    """Height of the half ellipse in an outline, and its scatter over that of a surface that is seen whole.
+
+    `along` are places from the axis over the inner radius.
+    """
+
+    def terms(places: Array) -> Array:
+        return np.column_stack([np.ones(len(places)), places, np.sqrt(1 - places**2)])
+
+    def scatter(places: Array) -> float:
+        columns = terms(places)
+        return math.sqrt(float(np.linalg.inv(columns.T @ columns)[2, 2]) * len(places) / float(np.ptp(places)))
+
+    whole = np.linspace(-READ, READ, 401)
+    found = np.linalg.lstsq(terms(along), height, rcond=None)[0]
+    return float(found[2]), max(scatter(along) / scatter(whole), 1.0)
 
 
 @dataclass(frozen=True)

@@ -183,3 +183,14 @@ def test_a_reason_has_the_value_of_a_place_that_every_photo_states(bases, named,
 
     found = measure(photos, [Camera(base=base) for base in bases])
     assert found.warnings == (f"view2: no base was found; {named} states it",)
+
+
+@pytest.mark.parametrize("rig", ["hopper", "measure tilt"])
+def test_a_refusal_that_names_the_rig_alone_names_the_film_instead(rig, film):
+    @refusal.shows_refusals
+    def nothing(_film, _camera):
+        raise NothingToMeasure(f"{rig}: in no two frames in a row anything moves.")
+
+    with pytest.raises(NothingToMeasure) as refused:
+        nothing(film, Camera())
+    assert str(refused.value) == f"{film}: in no two frames in a row anything moves."

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rigtwin.compare.diagnose.bulk.diagnose_bulk import BulkDiagnosis, parameters_of
-from rigtwin.compare.diagnose.bulk.naming import ALARM, BulkCandidate
+from rigtwin.compare.diagnose.bulk.naming import ALARM, SECOND, BulkCandidate
 from rigtwin.compare.diagnose.figures import BEFORE, NOISE
 from rigtwin.compare.diagnose.fitting import strained
 from rigtwin.compare.diagnose.page import gap_rows, in_order, parameters_in_words
@@ -35,7 +35,7 @@ def bulk_page(found: BulkDiagnosis, figure: FigureFile, text: Methods) -> str:
         stability="",
         where=found.where_in_words,
         regions=found.where[:12],
-        candidates=in_order([(one, _row(one)) for one in found.naming.tried], found.shown),
+        candidates=in_order([(one, _row(one)) for one in found.naming.tried], found.shown, found.naming.alike),
         added=_added(found),
         gaps=gap_rows(found.gap),
         gap_noise=found.gap.noise,
@@ -47,6 +47,7 @@ def bulk_page(found: BulkDiagnosis, figure: FigureFile, text: Methods) -> str:
         overview=[],
         tried=len(found.naming.tried),
         first_gain=f"{ALARM:g}",
+        further_gain=f"{SECOND:g}",
         methods=text,
         seconds=found.seconds,
     )
