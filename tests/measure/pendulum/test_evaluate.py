@@ -30,7 +30,7 @@ def angular_speed(turning, length=LENGTH):
 
 
 def double(turning_a, turning_b, *, way=1.0, length_b=LENGTH, second=None, damping=0.0):
-    """A falls from `RELEASE` on B, both turn at these angles; `second` are both speeds [FAST] after another collision."""
+    """A falls from `RELEASE` on B, both turn at these angles; `second` are speeds [FAST] after another one."""
     known = {
         "pivot_x_0": 0.0, "pivot_y_0": 0.0, "length_0": LENGTH,
         "pivot_x_1": way * DIAMETER, "pivot_y_1": length_b - LENGTH, "length_1": length_b,
