@@ -66,16 +66,34 @@ def test_a_counted_instant_is_uncertain_within_the_step_in_which_it_lies() -> No
     assert given.method == "given to last loss"
 
 
-def test_where_weights_flicker_the_opening_lies_before_one_percent_has_left() -> None:
+def flickering(end: float = 0.0) -> tuple[Series, float]:
+    """What is left falls by a quarter per second from 1 s on, with a flicker, and the noise that it is taken for."""
     time = np.arange(0, 6, STEP)
     flicker = 1e-4 * (-1.0) ** np.arange(len(time))
-    found = find(evaluate(weighed(time, np.clip(1 - 0.25 * (time - 1), 0, 1) + flicker)), "opening_time")
-    # second differences of the flicker are +-4 of it, taken for normal noise; three times that noise surely is a loss
-    noise = 1.4826 * 4e-4 / math.sqrt(6)
+    # second differences of the flicker are +-4 of it, taken for normal noise
+    return weighed(time, np.clip(1 - 0.25 * (time - 1), end, 1) + flicker), 1.4826 * 4e-4 / math.sqrt(6)
+
+
+def test_where_weights_flicker_the_opening_lies_before_one_percent_has_left() -> None:
+    record, noise = flickering()
+    found = evaluate(record)
+    opening, last = find(found, "opening_time"), find(found, "last_particle_time")
+    # three times the noise surely is a loss
     earliest, latest = 1 + 3 * noise / 0.25, 1 + 0.01 / 0.25
-    assert found.value == pytest.approx((earliest + latest) / 2, abs=0.001)
-    assert found.budget["time step"] == pytest.approx(WITHIN_STEP)
-    assert found.budget["first loss"] == pytest.approx(UNIFORM * (latest - earliest), abs=0.0006)
+    assert opening.value == pytest.approx((earliest + latest) / 2, abs=0.001)
+    assert opening.budget["time step"] == pytest.approx(WITHIN_STEP)
+    assert opening.budget["first loss"] == pytest.approx(UNIFORM * (latest - earliest), abs=0.0006)
+    assert last.value == pytest.approx(5 - 3 * noise / 0.25, abs=0.001)
+    assert not any(one.doubtful for one in found.quantities)
+
+
+def test_weights_that_flicker_after_the_flow_still_flow_no_more() -> None:
+    record, _ = flickering(end=0.2)
+    found = evaluate(record, opened=1.0)
+    assert not any(one.doubtful for one in found.quantities)
+    assert find(found, "residue_fraction").value == pytest.approx(0.2, abs=3e-4)
+    with pytest.raises(NothingToMeasure, match="do not change any more"):
+        evaluate(flickering(end=0.75)[0], opened=1.0)
 
 
 def test_the_rate_of_a_slowing_flow_is_that_at_the_middle_with_the_scatter_of_its_parts() -> None:
@@ -154,7 +172,14 @@ def test_where_the_record_ends_before_the_last_particle_its_residue_is_any_share
 @pytest.mark.parametrize(
     ("after", "step", "cut"),
     # a 50th of 0.8 s, or three steps
-    [(0.012, STEP, True), (0.022, STEP, False), (0.011, 0.01, True), (0.051, 0.01, False)],
+    [
+        (0.012, STEP, True),
+        (0.022, STEP, False),
+        (0.0145, 0.0015, True),
+        (0.016, 0.0015, False),
+        (0.011, 0.01, True),
+        (0.051, 0.01, False),
+    ],
 )
 def test_a_flow_has_stopped_after_a_fiftieth_of_its_time_without_a_loss(after: float, step: float, cut: bool) -> None:
     time = np.arange(0, 1.0 + after, step)
@@ -285,7 +310,7 @@ def test_a_hopper_is_emptied_where_less_than_seven_tenths_stay(stopped: bool) ->
 
     def falls_to(end: float) -> Series:
         last = 100.0 if stopped else 199.0
-        return weighed(time, np.clip(1 - (1 - end) * (time - 10) / (last - 10), end, 1))
+        return weighed(time, 3 * np.clip(1 - (1 - end) * (time - 10) / (last - 10), end, 1))
 
     assert find(evaluate(falls_to(0.69)), "residue_fraction").value == pytest.approx(0.69)
     with pytest.raises(NothingToMeasure) as refusal:
