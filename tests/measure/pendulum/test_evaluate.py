@@ -332,9 +332,10 @@ def test_a_wall_off_the_vertical_leaves_speeds_and_heights():
 
 
 def test_a_restitution_surely_above_one_is_a_wrong_track():
-    for second, sigma, doubtful in ((1.05, None, True), (1.05, 0.4, False), (0.95, None, False)):
+    shares = ((1.05, 0.02, True), (1.05, 0.03, False), (0.95, 0.01, False))  # with their standard uncertainties
+    for second, share, doubtful in shares:
         turning = 2 * math.asin(second * math.sin(RELEASE / 2))
-        spread = SIGMA if sigma is None else SIGMA | {"speed_0_0": sigma}
+        spread = {"speed_0_0": share * FAST / LENGTH}
         found = judge(fitted(wall(turning), sigma=spread))
         reason = pick(found, "restitution_wall", "velocity").doubtful
         assert reason == ("a restitution above 1 is not possible: a track is wrong" if doubtful else "")
