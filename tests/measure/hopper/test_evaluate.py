@@ -229,6 +229,21 @@ def test_nine_tenths_of_an_even_flow_leave_in_nine_tenths_of_its_time() -> None:
     assert check(late, "flow_within").value == pytest.approx(0.72 / 0.7, abs=0.004)
 
 
+@pytest.mark.parametrize(("area", "passed"), [(0.05, True), (0.02, False)])
+def test_the_middle_of_the_flow_may_be_longer_by_two_uncertainties(area: float, passed: bool) -> None:
+    found = evaluate_discharge(counted(), None, Instant(0.3, {}, "given"), None, None, area)
+    middle, lasted = find(found, "discharge_time_5_95"), find(found, "discharge_time")
+    assert (middle.value < lasted.value + 2 * math.sqrt(2) * 0.25 * area * 0.8) == passed
+    assert check(found, "flow_within").passed == passed
+
+
+def test_a_loss_at_the_last_value_counts() -> None:
+    time = np.arange(16.0)
+    found = evaluate(weighed(time, np.clip(1 - (time - 5) / 10, 0, 1)), opened=5.0)
+    assert find(found, "discharge_time_5_95").value == pytest.approx(9.0)
+    assert find(found, "residue_fraction").value == pytest.approx(0.0)
+
+
 def test_an_opening_after_the_last_particle_is_refused_with_both_times() -> None:
     why = (
         "particles left: the last particle leaves at 0.9995 s, before the opening at 1.1 s; check the time of opening, "
