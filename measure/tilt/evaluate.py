@@ -144,7 +144,8 @@ def way_down(
         x = np.interp(time, track.time, track.position[:, 0])
         y = np.interp(time, track.time, track.position[:, 1])
         up = x * np.cos(alpha) + y * np.sin(alpha)
-        ways.append(-(up - np.nanmedian(up[: max(3, len(up) // 20)])))
+        rests = up[np.isfinite(up)]  # the angle may become known later than the body
+        ways.append(-(up - np.median(rests[: max(3, len(rests) // 20)])) if len(rests) else up)
         sigmas.append(np.interp(time, track.time, track.sigma))
     seen = np.isfinite(alpha) & np.all(np.isfinite(ways), axis=0)
     if seen.sum() < 8:
