@@ -60,7 +60,7 @@ SCRIPTS = (
     Script("reproduction-page", 2, "reproduce/docs_page.py"),
     Script("fuzz", 6, "fuzz.py"),
     Script("campaign", 16, "campaign/kills.py"),
-    Script("soak", 6, "soak.py"),
+    Script("soak", 2, "soak.py"),
     Script("sweep-speed", 1, "campaign/sweep_speed.py"),
     Script("throughput", 3, "campaign/throughput.py"),
     Script("poured-bed", 8, "engine/poured_bed.py"),

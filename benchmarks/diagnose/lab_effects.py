@@ -356,7 +356,7 @@ LISTED = (
     ),
     Effect(
         "lubricated_sliding",
-        ("velocity dependent friction", "velocity dependent sliding friction", "viscous sliding", "lubrication"),
+        ("sliding&speed", "velocity dependent friction", "viscous sliding", "lubrication"),
         "viscous_sliding",  # [1/s]
         _by_rig(slide=(0.05, 0.2, 1.0)),
         "a drag that grows with the sliding speed: at one load a friction that does",

@@ -196,18 +196,27 @@ class Bed:
         misses = [(slopes - (self.bulge / half - less)) / at_floor_sigma, slopes / USUAL_SLOPE]
         read = np.abs(x) < READ * half
         if np.sum(read) > bead:
-            arch, part = _arch(x[read] / half, height[read] / bead)
-            expected = ARCH + np.hypot(ARCH_FROM, ARCH_BY * rise) - ARCH_FROM
-            misses.append((arch - expected) / (ARCH_SPREAD * part))
+            arch, scatter = arch_of(x[read] / half, height[read] / bead)
+            misses.append((arch - arch_by(rise)) / (ARCH_SPREAD * scatter))
         deviance = np.sum(np.square(misses), axis=0)
         weights = np.exp((np.min(deviance) - deviance) / 2)
-        lifted = np.hypot(RAISED_FROM, RAISED_BY * rise) - RAISED_FROM
+        lifted = raised_by(rise)
         mean = float(np.average(lifted, weights=weights))
         spread = math.sqrt(float(np.average((lifted - mean) ** 2, weights=weights)))
         return mean, math.hypot(spread, RAISED_SPREAD, RAISED_SHARE * mean)
 
 
-def _arch(along: Array, height: Array) -> tuple[float, float]:
+def raised_by(rise: npt.ArrayLike) -> Array:
+    """Rise of the mean outline where the far side appears `rise` above the near side, both in bead diameters."""
+    return np.hypot(RAISED_FROM, RAISED_BY * np.asarray(rise)) - RAISED_FROM
+
+
+def arch_by(rise: npt.ArrayLike) -> Array:
+    """Height of the outline's arch where the far side appears `rise` above the near side, both in bead diameters."""
+    return ARCH + np.hypot(ARCH_FROM, ARCH_BY * np.asarray(rise)) - ARCH_FROM
+
+
+def arch_of(along: Array, height: Array) -> tuple[float, float]:
     """Height of the half ellipse in an outline, and its scatter over that of a surface that is seen whole.
 
     `along` are places from the axis over the inner radius.
