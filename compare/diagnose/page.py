@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from rigtwin.compare.diagnose.data.tracked_lab import TrackedLab
 from rigtwin.compare.diagnose.diagnosis import Diagnosis, in_words
@@ -18,8 +18,21 @@ from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.lab.formatting import unit_of
 
-if TYPE_CHECKING:
-    from rigtwin.compare.diagnose.bulk.naming import BulkCandidate
+
+class Tried(Protocol):
+    """A set of effects that was fitted, of single bodies or of a bulk."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+
+    @property
+    def gain(self) -> float:
+        """Decrease of the deviance."""
+
+    @property
+    def reason(self) -> str:
+        """Why it is refused, or empty."""
 
 
 def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -> str:
@@ -91,9 +104,9 @@ def _leading(diagnosis: Diagnosis) -> list[Candidate]:
 
 
 def in_order(
-    candidates: Sequence[tuple[Candidate | BulkCandidate, dict[str, str]]],
-    chosen: Candidate | BulkCandidate | None,
-    alike: Sequence[Candidate | BulkCandidate],
+    candidates: Sequence[tuple[Tried, dict[str, str]]],
+    chosen: Tried | None,
+    alike: Sequence[Tried],
 ) -> list[dict[str, str]]:
     """Return the rows of candidates with what became of each.
 
@@ -101,9 +114,9 @@ def in_order(
     ----------
     candidates : sequence of tuple
         Candidates with their rows.
-    chosen : Candidate, BulkCandidate or None
+    chosen : Tried or None
         The one that was chosen.
-    alike : sequence of Candidate or BulkCandidate
+    alike : sequence of Tried
         Those that explain the data as well as the chosen one.
 
     Returns
@@ -114,14 +127,14 @@ def in_order(
     """
     equal = [one.names for one in alike]
 
-    def outcome(one: Candidate | BulkCandidate) -> str:
+    def outcome(one: Tried) -> str:
         if chosen is not None and one.names == chosen.names:
             return "chosen"
         if one.names in equal:
             return "explains the data equally well"
         return f"refused: {one.reason}" if one.reason else ""
 
-    def rank(one: Candidate | BulkCandidate) -> int:
+    def rank(one: Tried) -> int:
         return ("chosen", "explains", "", "refused:").index(outcome(one).split(" ")[0])
 
     ordered = sorted(candidates, key=lambda each: (rank(each[0]), -each[0].gain))

@@ -234,7 +234,7 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
             by, other = "the gauge", "that the gauge stands beside the axis, neither before nor behind it"
         ending = "." if passed else f": check the scale (from {source}), and {other}."
         checks.append(Check("scale", passed, ratio, 1.0, f"the scale is {ratio:.3f} times that by {by}{ending}"))
-    if bead is not None and source != "bead diameter":
+    if bead is not None and source != "bead diameter" and math.isfinite(bed.bead_seen):
         checks.append(size_seen(2 * bed.bead_seen * scale / NEARER, bead, MISFIT, source))
     within = same or bed.beyond < MOST_BEYOND
     known = bed.stated.walls is not None

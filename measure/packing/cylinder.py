@@ -144,7 +144,7 @@ class Bed:
     bulge: float  # distance of the front of the floor below its middle
     bulge_sigma: float
     bead_radius: float
-    bead_seen: float  # bead radius from the picture alone, independent of stated sizes
+    bead_seen: float  # bead radius from the picture alone, independent of stated sizes; NaN where no circles are seen
     beyond: float  # share of the beads found that lie outside the walls
     gauge: Gauge | None
     contrast: float  # contrast of the outline over that of the clearest edge in the picture
@@ -268,10 +268,9 @@ def find_bed(
     ratio = cylinder / bead if cylinder and bead else None
     classes = grain_classes(without_strips(image, glare))
     alike = np.ascontiguousarray(classes[..., Grain.GRAINS])
-    beads = _beads(alike, grey, region, stated, ratio)
-    count = 0 if beads is None else len(beads.centre)
+    beads, circles = _beads(alike, grey, region, stated, ratio)
     if beads is None or len(beads.centre) < FEWEST:
-        return _no_bed(f"{count} touching circles of one size were found, {FEWEST} are needed", beads, zoom)
+        return _no_bed(f"{circles} touching circles of one size were found, {FEWEST} are needed", beads, zoom)
     upright, roll_seen = _upright(grey, roll)
     region_of_grains, classes = grain_region(classes, beads.radius)
     if not region_of_grains.any():
@@ -287,7 +286,7 @@ def find_bed(
         why = f"fewer than {FEWEST} of {len(beads.centre)} circles lie between x = {x[0] / zoom:.0f} and"
         return _no_bed(f"{why} {x[1] / zoom:.0f} px", beads, zoom)
     kept, clear, beyond = chosen
-    seen_radius = rim_radius(grey, clear)
+    seen_radius = rim_radius(grey, clear) if circles >= FEWEST else math.nan
     ends = _lower_ends(image, classes, straight, (left, right), radius)
     expected = _expected_slope(image.shape, middle + float(np.median(ends[1])), upright)
     known = stated.down(straight, lean, offset)
@@ -392,10 +391,11 @@ def _beads(
     region: tuple[float, float, float, float] | None,
     stated: Stated,
     ratio: float | None,
-) -> Beads | None:
-    """Circles in the photo, or between the walls where these are stated.
+) -> tuple[Beads | None, int]:
+    """Circles in the photo, or between the walls where these are stated, and their number.
 
-    `ratio` is cylinder over bead diameter; with stated walls it gives the size of the circles.
+    `ratio` is cylinder over bead diameter; with stated walls it gives the size of the circles.  Where few are found
+    then, points that look like grains take their place.
     """
     radii = 0.0055 * max(grey.shape), 0.045 * max(grey.shape)
     half = 0.0 if stated.walls is None else stated.half
@@ -414,7 +414,22 @@ def _beads(
             beads = Beads(beads.centre[near], beads.radius)
         if between is not None:
             beads = Beads(beads.centre[at(between.astype(np.float32), beads.centre) > 0], beads.radius)
-    return beads
+    count = 0 if beads is None else len(beads.centre)
+    if count < FEWEST and stated.walls is not None and ratio is not None:
+        return _points_of(alike, stated, ratio), count
+    return beads, count
+
+
+def _points_of(alike: FloatImage, stated: Stated, ratio: float) -> Beads:
+    """Points that look like grains between stated walls, a radius apart, in place of circles that were not found.
+
+    `ratio` is cylinder over bead diameter.
+    """
+    radius = stated.half / ratio
+    step = max(round(radius), 1)
+    seen = (alike > ENDS_AT) & stated.between(alike.shape, 1.0)
+    rows, columns = np.nonzero(seen[::step, ::step])
+    return Beads(np.column_stack([columns, rows]).astype(np.float64) * step, radius)
 
 
 def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float] | None]:

@@ -84,7 +84,7 @@ def observe_photo(
         bed.flaw,
         misfit,
         _unconfirmed(bed, source, cylinder, bead),
-        2 * bed.bead_seen * scale / NEARER,
+        2 * bed.bead_seen * scale / NEARER if math.isfinite(bed.bead_seen) else None,
     )
     return bed, observation, view, checks
 
