@@ -233,7 +233,6 @@ _film = _below("scene", *FILMS)
 OF_PACKINGS = (
     _cylinder("covered surface", "covered_columns", nowhere),
     _cylinder("upright strips of glare", "without_strips", argument(0)),
-    _surface("surface under glare", "under_glare", nowhere),
     _surface("surface off its line", "_off_level", nowhere),
     _cylinder("bed cut off by the picture", "_cut_off", always(False)),
     _cylinder("grains below the floor", "_grains_below", always(0.0)),

@@ -1,8 +1,7 @@
 """Detect occlusions of the surface of a bed behind glass: glare, or an object in front of it.
 
-The surface is not known where glare larger than the highlight of a bead lies on it or ends at it, where no grains are
-seen below the outline, and where the outline leaves its straight course by more than a bead, as before something in
-front of the bed.
+The surface is not known where no grains are seen below the outline, and where the outline leaves its straight course by
+more than a bead, as before something in front of the bed.
 """
 
 from __future__ import annotations
@@ -14,12 +13,10 @@ import numpy as np
 
 from rigtwin.lab.arrays import FloatImage, Image, Mask
 from rigtwin.measure.bulk.outline import Silhouette
-from rigtwin.measure.geometry.disc_morphology import odd
 from rigtwin.measure.geometry.lines import at, straight
 
 SATURATED = 252  # [grey levels], smallest level of a saturated pixel
 BELOW = (0.7, 4.0)  # [bead radii] below the outline: objects behind the cylinder end at the outline
-NEARBY = (0.5, 2.0)  # [bead radii] from the outline; glare nearer may be the highlight of a bead at it
 GRAINS = 0.5  # least mean probability of grains there
 # least height and largest width of a strip of glare, over those of the picture; chosen on one of 14 photos by a path
 # tracer, tested on drawn beds only
@@ -56,7 +53,7 @@ def without_strips(image: Image, glare: Mask) -> Image:
     return np.take_along_axis(image, np.where(replaced, mirrored, place)[..., None], axis=1)
 
 
-def covered_columns(found: Silhouette, alike: FloatImage, glare: Mask, inside: Mask) -> Mask:
+def covered_columns(found: Silhouette, alike: FloatImage, inside: Mask) -> Mask:
     """Columns of the outline in which the surface is occluded, shape (n,); `inside` marks those between the walls.
 
     `alike` is the probability of grains in every pixel.
@@ -65,8 +62,7 @@ def covered_columns(found: Silhouette, alike: FloatImage, glare: Mask, inside: M
     steps = np.arange(*BELOW, 0.25) * found.bead_radius
     below = [at(alike, found.view.to_picture(found.x, height - step)) for step in steps]
     seen = inside & np.isfinite(found.height)
-    hidden = under_glare(found, glare)
-    hidden |= (np.mean(below, axis=0) < GRAINS) | _off_level(found, seen)
+    hidden = (np.mean(below, axis=0) < GRAINS) | _off_level(found, seen)
     return np.asarray(hidden & seen)
 
 
@@ -79,32 +75,3 @@ def _off_level(found: Silhouette, seen: Mask) -> Mask:
     (offset, slope), _, _ = straight(found.x[seen], found.height[seen], np.ones(int(seen.sum())))
     off = seen & (np.abs(found.height - offset - slope * found.x) > USUAL_LEVEL * found.bead_radius)
     return np.asarray(binary_dilation(off, iterations=math.ceil(found.bead_radius)))
-
-
-def under_glare(found: Silhouette, glare: Mask) -> Mask:
-    """Columns in which glare larger than the highlight on a bead may hide the surface, shape (n,).
-
-    It lies on both sides of the outline, or above it and ends within the picture, as a lamp's reflection does.
-    Overexposed beads end at the outline; an overexposed background begins there and goes on to the picture's edge.
-    """
-    radius = found.bead_radius
-    size = odd(0.8 * radius)
-    patches = cv2.morphologyEx(glare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size, size), np.uint8))
-    if not patches.any():
-        return np.zeros(len(found.x), dtype=bool)
-    height = np.nan_to_num(found.height)
-
-    def near(patch: Mask, sign: int) -> Mask:
-        steps = sign * np.arange(*NEARBY, 0.25) * radius
-        seen = [at(patch.astype(np.uint8), found.view.to_picture(found.x, height + step)) > 0 for step in steps]
-        return np.asarray(np.any(seen, axis=0) & np.isfinite(found.height))
-
-    hidden = near(_inner(patches > 0), 1) | (near(patches > 0, 1) & near(patches > 0, -1))
-    return np.asarray(cv2.dilate(hidden.astype(np.uint8)[None], np.ones((1, odd(3 * radius)), np.uint8))[0] > 0)
-
-
-def _inner(patches: Mask) -> Mask:
-    """The patches that do not reach the picture's edge."""
-    _, labels = cv2.connectedComponents(patches.astype(np.uint8), connectivity=8)
-    edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    return patches & ~np.isin(labels, edge)

@@ -304,7 +304,7 @@ def find_bed(
     if found is None:
         why = f"no outline was found above {len(kept.centre)} circles between x = {x[0] / zoom:.0f} and"
         return _no_bed(f"{why} {x[1] / zoom:.0f} px", kept, zoom)
-    covered = covered_columns(found, alike, glare, np.abs(found.x) < INSIDE * width / 2)
+    covered = covered_columns(found, alike, np.abs(found.x) < INSIDE * width / 2)
     found = replace(found, height=np.where(covered, np.nan, found.height), zoom=zoom)
     gauge = _gauge(grey, upright, width, (cylinder, bead), beads.radius, axis, horizontal)
     elsewhere = math.nan
