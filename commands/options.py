@@ -206,7 +206,10 @@ CAMERA: dict[str, Any] = {
         typer.Option(help="The flanks that are measured; both where there are two."),
     ],
     "cylinder": Annotated[
-        Any, _read_by("line", "--cylinder", "x1,y1,x2,y2", "The two inner walls at the floor (pixels).")
+        Any,
+        _read_by(
+            "line", "--cylinder", "x1,y1,x2,y2", "The inner walls at the floor's middle, not at its front (pixels)."
+        ),
     ],
     "floor": Annotated[
         Any, _read_by("height", "--floor", "y", "Height of the floor in the picture (pixels from the top).")

@@ -9,6 +9,7 @@ G.4).  The scatter of published repetitions is the prior of a lab's own (`rigtwi
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
@@ -508,6 +509,14 @@ def verdict_counts(rows: Iterable[Deviation]) -> dict[str, int]:
     return {words: number for words, number in found.items() if number}
 
 
+def _singular(clause: str) -> str:
+    """A clause of `verdict_counts` with its verb in the singular."""
+    verb = re.search(r"\b(differ|agree|have|are)\b", clause)
+    assert verb is not None
+    one = {"have": "has", "are": "is"}.get(verb[0], f"{verb[0]}s")
+    return clause[: verb.start()] + one + clause[verb.end() :]
+
+
 def summarized(rows: Sequence[Deviation]) -> str:
     """Return in words how many rows have which verdict.
 
@@ -526,7 +535,7 @@ def summarized(rows: Sequence[Deviation]) -> str:
     >>> summarized([])
     '0 quantities measured and simulated'
     """
-    parts = [f"{number} {words}" for words, number in verdict_counts(rows).items()]
+    parts = [f"{number} {_singular(words) if number == 1 else words}" for words, number in verdict_counts(rows).items()]
     return f"{len(rows)} {'quantity' if len(rows) == 1 else 'quantities'} measured and simulated" + (
         f": {', '.join(parts)}" if parts else ""
     )
@@ -632,7 +641,7 @@ def _deviation(
             freedom = 0.0
     reasons = [measured.doubtful] if measured.doubtful else []
     if simulated is not None and simulated.doubtful:
-        reasons.append(f"twin: {simulated.doubtful}")
+        reasons += [f"twin: {reason}" for reason in simulated.doubtful.split("; ")]
     return Deviation(
         experiment=experiment,
         rig=rig,

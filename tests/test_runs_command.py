@@ -138,7 +138,7 @@ def test_bad_input_is_refused_in_one_sentence_and_changes_nothing(folder, capsys
 def test_a_folder_without_a_store_is_refused(tmp_path, capsys):
     assert "is no store of runs" in refused(capsys, tmp_path)
     (tmp_path / "ledger.sqlite").write_text("not a ledger" * 100)
-    assert "is not a ledger of runs" in refused(capsys, tmp_path)
+    assert "cannot be read as a ledger of runs" in refused(capsys, tmp_path)
 
 
 @pytest.mark.parametrize("change", ["seconds = x'00ff'", "finished = null", "result = '{\"bed_hei'", "state = 'dome'"])

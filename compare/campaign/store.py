@@ -403,7 +403,10 @@ class Store:
                 "was kept is lost."
             ) from None
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the latter of damaged names of columns
-            raise BadInput(f"{path}: is not a ledger of runs ({error}); name another folder or delete it.") from None
+            raise BadInput(
+                f"{path}: cannot be read as a ledger of runs ({error}); put a copy of the store back, name another "
+                "folder, or delete this one to compute its runs again."
+            ) from None
 
 
 class _Owner:

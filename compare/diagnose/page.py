@@ -132,10 +132,13 @@ def in_order(
             return "chosen"
         if one.names in equal:
             return "explains the data equally well"
-        return f"refused: {one.reason}" if one.reason else ""
+        if one.reason:
+            return f"refused: {one.reason}"
+        larger = chosen is not None and len(one.names) > len(chosen.names)
+        return "more effects than needed" if larger else ""
 
     def rank(one: Tried) -> int:
-        return ("chosen", "explains", "", "refused:").index(outcome(one).split(" ")[0])
+        return {"chosen": 0, "explains": 1, "refused:": 3}.get(outcome(one).split(" ")[0], 2)
 
     ordered = sorted(candidates, key=lambda each: (rank(each[0]), -each[0].gain))
     return [row | {"outcome": outcome(one), "refused": one.reason} for one, row in ordered]

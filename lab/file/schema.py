@@ -56,6 +56,7 @@ SPHERES: list[list[Any]] = [["-2 mm", 0, 0, "6 mm"], ["2 mm", 0, 0, "6 mm"]]
 """Example of a clump."""
 
 MOST_CLASSES = 2000  # of a size distribution; a laser granulometer gives a hundred, a model.toml up to 1000
+SOFTEST = 1e3  # [Pa], softer than any gel that keeps its form
 STIFFEST = 2e12  # [Pa], diamond has 1.2e12; a larger one makes a time step with which no run ends
 
 
@@ -434,7 +435,7 @@ Length = Annotated[float, _quantity("length", 0, LONGEST), Field(examples=["6.2 
 Height = Annotated[float, _quantity("length", 0, LONGEST, open_low=False), Field(examples=["10 mm"])]
 Density = Annotated[float, _quantity("density", 0), Field(examples=["568 kg/m^3"])]
 Mass = Annotated[float, _quantity("mass", 0), Field(examples=["0.69 g"])]
-Modulus = Annotated[float, _quantity("pressure", 0, STIFFEST), Field(examples=["11 GPa"])]
+Modulus = Annotated[float, _quantity("pressure", SOFTEST, STIFFEST, open_low=False), Field(examples=["11 GPa"])]
 Poisson = Annotated[float, _quantity("number", 0, 0.499, open_low=False), Field(examples=[0.44])]
 Restitution = Annotated[float, _quantity("number", 0, 1), Field(examples=[0.42])]
 Friction = Annotated[float, _quantity("number", 0, MOST_FRICTION, open_low=False), Field(examples=[0.36])]
@@ -792,7 +793,7 @@ class CameraEntry(_Entry):
     cylinder: Line | None = Field(
         default=None,
         examples=["150,600,450,600"],
-        description="its two inner walls at the floor: x1,y1,x2,y2 in pixels",
+        description="its two inner walls at the floor, beside its middle, not at its front: x1,y1,x2,y2 in pixels",
     )
     floor: Annotated[float, _edge(_floor)] | None = Field(
         default=None, examples=[612], description="row of the floor in pixels"

@@ -374,7 +374,7 @@ def test_one_heap_against_one_tells_a_flat_one_from_a_slope_and_cannot_tell_one_
     assert "1 measured repetition and 1 simulated heap: a scatter of 8.5 % is in the uncertainty" in flat.note
     assert flat.scatter_from == "Hlosta et al. 2020, table 14"
     assert summarized([flat, near]) == (
-        "2 quantities measured and simulated: 1 differ, 1 have too few repetitions to tell"
+        "2 quantities measured and simulated: 1 differs, 1 has too few repetitions to tell"
     )
 
 
@@ -521,7 +521,7 @@ def test_a_setting_that_is_not_what_was_measured_is_counted():
     height = quantity(0.3, 0.001, "drop_height", "m", "fit")
     (row,) = compared([height], [quantity(0.33, 0.001, "drop_height", "m", "fit")], set_from={"drop_height": "stated"})
     assert row.verdict == "differs from the setting"
-    assert summarized([row]) == "1 quantity measured and simulated: 1 differ from the setting"
+    assert summarized([row]) == "1 quantity measured and simulated: 1 differs from the setting"
 
 
 def test_only_the_main_results_are_headlines():
@@ -563,4 +563,4 @@ def test_a_result_is_the_first_number_of_its_rig_and_of_a_heap_the_mean():
 
 def test_doubtful_rows_are_counted():
     rows = compared([quantity(0.5, doubtful="blurred")], [quantity(0.5)])
-    assert summarized(rows) == "1 quantity measured and simulated: 1 are doubtful"
+    assert summarized(rows) == "1 quantity measured and simulated: 1 is doubtful"

@@ -215,7 +215,7 @@ def test_a_folder_that_is_no_store_is_refused(tmp_path):
     with pytest.raises(BadInput, match="is no store of runs"):
         run_all([number(1)], tmp_path, only_kept=True)
     (tmp_path / "ledger.sqlite").write_text("not a ledger" * 100)
-    with pytest.raises(BadInput, match="is not a ledger of runs"):
+    with pytest.raises(BadInput, match="cannot be read as a ledger of runs"):
         run_all([number(1)], tmp_path)
 
 

@@ -13,6 +13,7 @@ from rigtwin.lab.materials import AIR_DENSITY, HEAVIEST, Contact, KnownContact, 
 from rigtwin.lab.reference import hlosta2020
 
 POSITIVE = st.floats(1e-6, 1e12)
+MODULI = st.floats(1e3, 1e12)
 DIAMETERS = st.floats(1e-6, 10)
 DENSITIES = st.none() | st.floats(AIR_DENSITY, HEAVIEST, exclude_min=True)
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"], exclude_characters="-"), min_size=1)
@@ -24,7 +25,7 @@ def models(draw):
     names = draw(st.lists(NAMES, min_size=2, max_size=4, unique=True))
     names = [f"{name}_" for name in names]  # no name of the reference
     solids = {
-        name: Material(name, draw(POSITIVE), draw(POSITIVE), draw(st.floats(0, 0.499, allow_subnormal=False)))
+        name: Material(name, draw(POSITIVE), draw(MODULI), draw(st.floats(0, 0.499, allow_subnormal=False)))
         for name in names[: len(names) // 2]
     }
     beads = {
