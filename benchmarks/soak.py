@@ -2,7 +2,7 @@
 
     python benchmarks/soak.py        # COUNT= measurements, a fifth as many twins
 
-The media of all seven rigs are measured in turn, results and overlays written; then twins of four rigs run in turn.
+The media of all seven rigs are measured in turn, results and overlays written; then twins of five rigs run in turn.
 Memory grows until each has been loaded; after the first third it must not.  Ctrl-C ends a part early.
 """
 
@@ -70,6 +70,8 @@ def soak(name: str, kinds: Sequence[str], count: int, one: Callable[[int], objec
             held = np.vstack([held, (memory()[0] / 1000, files(), threads())])
             if number % 50 == 49:
                 print(f"{name}: {number + 1} of {count}, {held[-1, 0]:.0f} MB", file=sys.stderr, flush=True)  # noqa: T201
+    if not len(held):
+        return
     # whole turns, so that each kind weighs the same
     turns = held[: len(held) // len(kinds) * len(kinds)].reshape(-1, len(kinds), 3)
     settled = turns[max(len(turns) // 3, 1) :]
@@ -81,7 +83,7 @@ def soak(name: str, kinds: Sequence[str], count: int, one: Callable[[int], objec
     (slope, _), covariance = np.polyfit(np.arange(len(each)), each, 1, cov=True)
     growth, unsure = slope / len(kinds), math.sqrt(covariance[0, 0]) / len(kinds)
     wanted = f"below {GROWTH:g}"
-    passed = bool(growth - SURE * unsure < GROWTH)
+    passed = bool(growth + SURE * unsure < GROWTH)
     yield Row(f"{name}: memory that each adds", growth, "MB", None, wanted, passed, f"± {unsure:.2g}; {note}")
     steps = np.diff(np.concatenate([[turns[len(turns) - len(settled) - 1, -1, 0]], settled[..., 0].ravel()]))
     for kind, added in zip(kinds, steps.reshape(-1, len(kinds)).T, strict=True):

@@ -205,7 +205,8 @@ def _tell_rest(console: Console, rest: Sequence[Deviation], place: str) -> None:
     from rigtwin.compare.deviation import verdict_counts
 
     if rest:
-        off = [f"{number} {words}" for words, number in verdict_counts(rest).items() if words.endswith("differ")]
+        counts = verdict_counts(rest).items()
+        off = [f"{number} {words}" for words, number in counts if words.endswith(("differ", "differs"))]
         some = f"; of these {', '.join(off)}" if off else ""
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in {place}{some}")
 
@@ -504,10 +505,16 @@ def _show_quantities(console: Console, heading: str, quantities: Sequence[Quanti
 
 def _each_once(reasons: Sequence[str]) -> list[str]:
     """Each reason once; where it continues another reason, only what it adds."""
+    from rigtwin.compare.deviation import OF_THE_TWIN
+
     said: list[str] = []
     for reason in dict.fromkeys(filter(None, reasons)):
         before = max((one for one in reasons if one and reason.startswith(f"{one}; ")), key=len, default="")
-        said.append(reason.removeprefix(f"{before}; ") if before else reason)
+        if before:
+            whose = OF_THE_TWIN if reason.startswith(OF_THE_TWIN) else ""
+            said.append(whose + reason.removeprefix(f"{before}; "))
+        else:
+            said.append(reason)
     return list(dict.fromkeys(said))
 
 

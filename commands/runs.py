@@ -48,9 +48,9 @@ def runs(
     if action == "drop" and not given and not failed:
         raise BadInput("drop: name the runs to drop, or give --failed.")
     with Store(_place(folder), create=False) as store:
-        if damaged := store.damaged():
+        if not failed and (damaged := store.damaged()):
             rows = counted(len(damaged), "row")
-            advice = "such runs are computed again; drop --failed removes them"
+            advice = "such runs are computed again; drop --failed removes them, and the failed runs"
             typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; {advice}.", err=True)
         if action == "list":
             show_runs(store.rows(), as_json, quiet)

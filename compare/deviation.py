@@ -9,7 +9,6 @@ G.4).  The scatter of published repetitions is the prior of a lab's own (`rigtwi
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
@@ -56,6 +55,18 @@ MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
 # [%]: largest deviation in the 95 % interval of a twin that agrees.
 UNINFORMATIVE = 25.0
+OF_THE_TWIN = "twin: "
+"""Begins the reasons why the value of the twin is doubtful."""
+CLAUSES = {
+    "twin too": ("differ", "differs"),
+    "twin probably": ("probably differ", "probably differs"),
+    "agrees": ("agree within their uncertainty", "agrees within its uncertainty"),
+    "too few": ("have too few repetitions to tell", "has too few repetitions to tell"),
+    "too uncertain": ("are too uncertain to tell", "is too uncertain to tell"),
+    "doubtful": ("are doubtful", "is doubtful"),
+    "differs from": ("differ from the setting", "differs from the setting"),
+}
+"""By the beginning of a verdict, what the headline says of several rows, and of one."""
 
 # Probability of a difference that is called one without "probably".  With one repetition and the published scatter 90 %
 # of the twins that are wrong by 30 % or more are called different, and 3 % of those that are right
@@ -493,28 +504,14 @@ def verdict_counts(rows: Iterable[Deviation]) -> dict[str, int]:
     Returns
     -------
     dict of str to int
-        By a clause like "probably differ", without zeros.
+        By a clause like "probably differ" or "probably differs", without zeros.
     """
-    kinds = {
-        "differ": ("twin too",),
-        "probably differ": ("twin probably",),
-        "agree within their uncertainty": ("agrees",),
-        "have too few repetitions to tell": ("too few",),
-        "are too uncertain to tell": ("too uncertain",),
-        "are doubtful": ("doubtful",),
-        "differ from the setting": ("differs from",),
-    }
     rows = list(rows)
-    found = {words: sum(row.verdict.startswith(verdicts) for row in rows) for words, verdicts in kinds.items()}
-    return {words: number for words, number in found.items() if number}
-
-
-def _singular(clause: str) -> str:
-    """A clause of `verdict_counts` with its verb in the singular."""
-    verb = re.search(r"\b(differ|agree|have|are)\b", clause)
-    assert verb is not None
-    one = {"have": "has", "are": "is"}.get(verb[0], f"{verb[0]}s")
-    return clause[: verb.start()] + one + clause[verb.end() :]
+    found = {}
+    for verdict, (plural, singular) in CLAUSES.items():
+        if number := sum(row.verdict.startswith(verdict) for row in rows):
+            found[singular if number == 1 else plural] = number
+    return found
 
 
 def summarized(rows: Sequence[Deviation]) -> str:
@@ -535,7 +532,7 @@ def summarized(rows: Sequence[Deviation]) -> str:
     >>> summarized([])
     '0 quantities measured and simulated'
     """
-    parts = [f"{number} {_singular(words) if number == 1 else words}" for words, number in verdict_counts(rows).items()]
+    parts = [f"{number} {words}" for words, number in verdict_counts(rows).items()]
     return f"{len(rows)} {'quantity' if len(rows) == 1 else 'quantities'} measured and simulated" + (
         f": {', '.join(parts)}" if parts else ""
     )
@@ -641,7 +638,7 @@ def _deviation(
             freedom = 0.0
     reasons = [measured.doubtful] if measured.doubtful else []
     if simulated is not None and simulated.doubtful:
-        reasons += [f"twin: {reason}" for reason in simulated.doubtful.split("; ")]
+        reasons.append(f"{OF_THE_TWIN}{simulated.doubtful}")
     return Deviation(
         experiment=experiment,
         rig=rig,

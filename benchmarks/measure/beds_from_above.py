@@ -62,7 +62,7 @@ def rows(folder: Path) -> Iterator[Row]:
         for rise in RISES:
             found = np.concatenate([seen(bed, across, rise) for bed in beds])
             laws = float(cylinder.raised_by(rise)), float(cylinder.arch_by(rise))
-            for k, (name, within) in enumerate((("rise of the outline", 0.15), ("arch", cylinder.ARCH_SPREAD))):
+            for k, (name, within) in enumerate((("rise of the outline", max(0.05, 0.15 * laws[0])), ("arch", 0.5))):
                 title = f"{across} beads wide, far side {rise:g} bead diameters higher: {name}"
                 note = f"± {found[:, k].std():.2f} from side to side"
                 yield against(title, float(found[:, k].mean()), laws[k], absolute=within, note=note)

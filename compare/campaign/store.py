@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEDGER = "ledger.sqlite"
+# columns that hold texts; only `seconds` is a number
 TEXTS = ("key", "name", "function", "settings", "inputs", "version", "state", "result", "message", "finished")
 PATIENCE = 60.0  # [s], waiting for another process that writes to the ledger
 
@@ -240,9 +241,12 @@ class Store:
     def drop_damaged(self) -> int:
         """Delete the rows of the ledger that cannot be read; returns their number."""
         with self._transaction():
-            numbers = self.damaged()
-            self._ledger.executemany("delete from runs where rowid = ?", [(number,) for number in numbers])
-        return len(numbers)
+            damaged = [row for row in self._all() if not _whole(row)]
+            self._ledger.executemany("delete from runs where rowid = ?", [(row["number"],) for row in damaged])
+        for row in damaged:
+            if isinstance(row["key"], str) and row["key"].isalnum():
+                self._arrays(row["key"]).unlink(missing_ok=True)
+        return len(damaged)
 
     def _all(self) -> list[sqlite3.Row]:
         with self._in_words():
@@ -460,7 +464,7 @@ def _whole(row: sqlite3.Row) -> bool:
         return False
     try:
         objects = [json.loads(row[name]) for name in ("settings", "inputs", "result")]
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     return all(isinstance(one, dict) for one in objects) and row["state"] in get_args(State)
 

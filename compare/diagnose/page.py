@@ -91,13 +91,14 @@ def page(diagnosis: Diagnosis, drawn: Mapping[str, FigureFile], text: Methods) -
 
 
 def _leading(diagnosis: Diagnosis) -> list[Candidate]:
-    """The chosen candidate, all single ones and the ten best larger sets."""
+    """The chosen candidate, those alike, all single ones, and the ten larger sets of the largest gains."""
     if diagnosis.naming is None:
         return []
     order = sorted(diagnosis.naming.tried, key=lambda one: -one.gain)
     shown = [
         *(() if diagnosis.chosen is None else (diagnosis.chosen,)),
         *(one for one in order if len(one.terms) == 1),
+        *diagnosis.naming.alike,
         *[one for one in order if len(one.terms) > 1][:10],
     ]
     return list({one.names: one for one in reversed(shown)}.values())
@@ -127,21 +128,18 @@ def in_order(
     """
     equal = [one.names for one in alike]
 
-    def outcome(one: Tried) -> str:
+    def outcome(one: Tried) -> tuple[int, str]:
         if chosen is not None and one.names == chosen.names:
-            return "chosen"
+            return 0, "chosen"
         if one.names in equal:
-            return "explains the data equally well"
+            return 1, "explains the data equally well"
         if one.reason:
-            return f"refused: {one.reason}"
+            return 3, f"refused: {one.reason}"
         larger = chosen is not None and len(one.names) > len(chosen.names)
-        return "more effects than needed" if larger else ""
+        return 2, "more effects than needed" if larger else "not chosen"
 
-    def rank(one: Tried) -> int:
-        return {"chosen": 0, "explains": 1, "refused:": 3}.get(outcome(one).split(" ")[0], 2)
-
-    ordered = sorted(candidates, key=lambda each: (rank(each[0]), -each[0].gain))
-    return [row | {"outcome": outcome(one), "refused": one.reason} for one, row in ordered]
+    ordered = sorted(candidates, key=lambda each: (outcome(each[0])[0], -each[0].gain))
+    return [row | {"outcome": outcome(one)[1], "refused": one.reason} for one, row in ordered]
 
 
 def _candidate_row(lab: TrackedLab, candidate: Candidate) -> dict[str, str]:

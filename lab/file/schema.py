@@ -56,7 +56,7 @@ SPHERES: list[list[Any]] = [["-2 mm", 0, 0, "6 mm"], ["2 mm", 0, 0, "6 mm"]]
 """Example of a clump."""
 
 MOST_CLASSES = 2000  # of a size distribution; a laser granulometer gives a hundred, a model.toml up to 1000
-SOFTEST = 1e3  # [Pa], softer than any gel that keeps its form
+SOFTEST = 1e3  # [Pa], assumed: a grain of 10 mm sags by a tenth under its own weight
 STIFFEST = 2e12  # [Pa], diamond has 1.2e12; a larger one makes a time step with which no run ends
 
 

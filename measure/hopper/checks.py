@@ -50,7 +50,8 @@ BLIND = 0.085  # bits per pixel, fewer than in any of these films: how long moti
 BED_CLEAR = 8.0
 
 # Largest ratio of a stated mass and that of the bed seen, either way.  Beds of 4 to 6 beads in depth fill 0.47 to 0.52
-# of the visible area times the depth, a ratio of 0.78 to 0.87, deeper ones up to 0.62, of 1.03.
+# of the visible area times the depth, a ratio of 0.78 to 0.87, deeper ones up to 0.62, of 1.03; more than a third
+# beyond the latter is another filling
 MASS_OFF = 1.4
 
 FAINTEST = 12.5  # [grey levels], the same for a film without noise: one quantiser step of a codec at usual strength

@@ -244,7 +244,8 @@ def picture_checks(bed: Bed, scale: float, source: str, cylinder: float | None, 
     ending = "; the gauge confirms the distance of the walls." if same else ending
     walls = f"the cylinder's walls as {'stated' if known else 'found'}"
     message = f"{100 * bed.beyond:.0f} % of the beads lie outside {walls}{ending}"
-    checks.append(Check("walls", within, bed.beyond, 0.0, message))
+    if math.isfinite(bed.bead_seen):
+        checks.append(Check("walls", within, bed.beyond, 0.0, message))
     if bed.stated.walls is not None or bed.stated.floor is not None:
         apart, way = abs(bed.floor_apart), "below" if bed.floor_apart > 0 else "above"
         message = f"the stated floor lies {apart:.1f} standard uncertainties {way} the foot of the grains that are seen"

@@ -60,7 +60,7 @@ MOST_LEAN = math.radians(7)
 USUAL_SLOPE, STEEPEST = 0.1, 1.0
 # [bead diameters], rise of the mean outline where the far side of the bed appears t above its near side:
 # hypot(RAISED_FROM, RAISED_BY t) - RAISED_FROM; its scatter, and the part of it that grows with the rise.  Settled beds
-# of a DEM, 8 to 22 beads wide, t up to 5 (benchmarks/measure/beds_from_above.py)
+# of a DEM, 8 to 22 beads wide, t up to 4 (benchmarks/measure/beds_from_above.py)
 RAISED_FROM, RAISED_BY, RAISED_SPREAD, RAISED_SHARE = 0.55, 0.35, 0.05, 0.1
 # [bead diameters], height of the arch that the outlines of the same beds have, as they fall a little towards the wall:
 # ARCH + hypot(ARCH_FROM, ARCH_BY t) - ARCH_FROM; its scatter is 0.5 there and more in beds that were poured otherwise,
@@ -227,7 +227,8 @@ def arch_of(along: Array, height: Array) -> tuple[float, float]:
 
     def scatter(places: Array) -> float:
         columns = terms(places)
-        return math.sqrt(float(np.linalg.inv(columns.T @ columns)[2, 2]) * len(places) / float(np.ptp(places)))
+        step = float(np.median(np.diff(places)))  # neighbours within a bead are not independent
+        return math.sqrt(float(np.linalg.inv(columns.T @ columns)[2, 2]) / step)
 
     whole = np.linspace(-READ, READ, 401)
     found = np.linalg.lstsq(terms(along), height, rcond=None)[0]
@@ -270,7 +271,8 @@ def find_bed(
     alike = np.ascontiguousarray(classes[..., Grain.GRAINS])
     beads, circles = _beads(alike, grey, region, stated, ratio)
     if beads is None or len(beads.centre) < FEWEST:
-        return _no_bed(f"{circles} touching circles of one size were found, {FEWEST} are needed", beads, zoom)
+        why = f"{circles} touching circles of one size were found, {FEWEST} are needed"
+        return _no_bed(why, beads if circles else None, zoom)
     upright, roll_seen = _upright(grey, roll)
     region_of_grains, classes = grain_region(classes, beads.radius)
     if not region_of_grains.any():
@@ -283,7 +285,7 @@ def find_bed(
     chosen = _of_the_bed(alike, beads, straight, region_of_grains, (left, right), radius)
     (column, middle), x = straight.centre, (straight.centre[0] + left, straight.centre[0] + right)
     if chosen is None:
-        why = f"fewer than {FEWEST} of {len(beads.centre)} circles lie between x = {x[0] / zoom:.0f} and"
+        why = f"fewer than {FEWEST} of {_named(beads, circles)} lie between x = {x[0] / zoom:.0f} and"
         return _no_bed(f"{why} {x[1] / zoom:.0f} px", beads, zoom)
     kept, clear, beyond = chosen
     seen_radius = rim_radius(grey, clear) if circles >= FEWEST else math.nan
@@ -302,13 +304,13 @@ def find_bed(
     kept = Beads(kept.centre[_filled(kept, alike)], kept.radius)
     found = surface_between(image, classes, View(axis, -lean, width / 2, 0.0, math.inf), kept.radius)
     if found is None:
-        why = f"no outline was found above {len(kept.centre)} circles between x = {x[0] / zoom:.0f} and"
+        why = f"no outline was found above {_named(kept, circles)} between x = {x[0] / zoom:.0f} and"
         return _no_bed(f"{why} {x[1] / zoom:.0f} px", kept, zoom)
     covered = covered_columns(found, alike, np.abs(found.x) < INSIDE * width / 2)
     found = replace(found, height=np.where(covered, np.nan, found.height), zoom=zoom)
     gauge = _gauge(grey, upright, width, (cylinder, bead), beads.radius, axis, horizontal)
     elsewhere = math.nan
-    if gauge is not None and cylinder is not None and bead is not None:
+    if gauge is not None and cylinder is not None and bead is not None and math.isfinite(seen_radius):
         elsewhere = _elsewhere(gauge.pitch(middle) * width / cylinder, 2 * seen_radius * cylinder / (width * bead))
         gauge = None if math.isfinite(elsewhere) else gauge
     if gauge is not None and known is None:
@@ -416,11 +418,18 @@ def _beads(
             beads = Beads(beads.centre[at(between.astype(np.float32), beads.centre) > 0], beads.radius)
     count = 0 if beads is None else len(beads.centre)
     if count < FEWEST and stated.walls is not None and ratio is not None:
-        return _points_of(alike, stated, ratio), count
+        return _points_of(alike, region, stated, ratio), count
     return beads, count
 
 
-def _points_of(alike: FloatImage, stated: Stated, ratio: float) -> Beads:
+def _named(beads: Beads, circles: int) -> str:
+    """Their number and what they are; `circles` is the number of circles that were found."""
+    return f"{len(beads.centre)} {'circles' if circles >= FEWEST else 'points that look like grains'}"
+
+
+def _points_of(
+    alike: FloatImage, region: tuple[float, float, float, float] | None, stated: Stated, ratio: float
+) -> Beads:
     """Points that look like grains between stated walls, a radius apart, in place of circles that were not found.
 
     `ratio` is cylinder over bead diameter.
@@ -428,6 +437,11 @@ def _points_of(alike: FloatImage, stated: Stated, ratio: float) -> Beads:
     radius = stated.half / ratio
     step = max(round(radius), 1)
     seen = (alike > ENDS_AT) & stated.between(alike.shape, 1.0)
+    if region is not None:
+        x, y, width, height = (round(value) for value in region)
+        inside = np.zeros_like(seen)
+        inside[max(y, 0) : y + height, max(x, 0) : x + width] = True
+        seen &= inside
     rows, columns = np.nonzero(seen[::step, ::step])
     return Beads(np.column_stack([columns, rows]).astype(np.float64) * step, radius)
 

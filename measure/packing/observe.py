@@ -93,6 +93,9 @@ def _unconfirmed(bed: Bed, source: str, cylinder: float | None, bead: float | No
     """Warning that the results depend on one stated size that nothing else in the picture confirms, or ""."""
     if bed.gauge is not None:
         return ""  # the gauge's graduations are a known length
+    if not math.isfinite(bed.bead_seen):
+        what, given = "bed height and, by its third power, bulk density depend", f"the scale from {source}"
+        return size_unseen(what, given, "no round bead shows its size: photograph a length gauge beside the cylinder")
     if source == "cylinder diameter" and bead is None:
         what, advice = "bed height and, by its third power, bulk density depend", "--bead-diameter"
         given = f"--cylinder-diameter {(cylinder or 0) * 1e3:g} mm"

@@ -112,6 +112,8 @@ def test_the_table_of_candidates_begins_with_the_chosen_one_and_ends_with_the_re
     refused = [one.startswith("refused: ") for one in outcomes]
     assert any(refused)
     assert refused == sorted(refused)
+    others = {one for one, so in zip(outcomes[1:], refused[1:], strict=True) if not so}
+    assert others <= {"not chosen", "more effects than needed"}
 
 
 def test_the_command_writes_the_figures_beside_the_page(tmp_path):

@@ -99,11 +99,11 @@ def test_a_count_of_repetitions_is_plausible(tmp_path) -> None:
         read_tracked_lab(tracked(tmp_path / "lab", "r%02d.csv", 10**9))
 
 
-def test_no_material_is_stiffer_than_diamond(tmp_path) -> None:
+@pytest.mark.parametrize(("modulus", "words"), [('"1e15 Pa"', r"at most 2e\+12 Pa"), ("11", "write it with its unit")])
+def test_no_material_is_stiffer_than_diamond_or_softer_than_a_soft_gel(tmp_path, modulus, words) -> None:
     folder = tmp_path / "lab"
-    material = '[materials.m]\ndensity = 700\nyoungs_modulus = "1e15 Pa"\npoisson_ratio = 0.3\n'
-    lab_of(folder, "r01.mp4", material)
-    with pytest.raises(BadLabFile, match=r"youngs_modulus: .*at most 2e\+12 Pa"):
+    lab_of(folder, "r01.mp4", f"[materials.m]\ndensity = 700\nyoungs_modulus = {modulus}\npoisson_ratio = 0.3\n")
+    with pytest.raises(BadLabFile, match=rf"youngs_modulus: .*{words}"):
         read_lab(folder)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import rigtwin
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.progress import silent
@@ -956,3 +957,15 @@ def test_beads_end_where_the_slide_begins_though_it_looks_like_beads(slide: floa
 
 def test_where_all_looks_like_beads_no_end_of_them_is_found() -> None:
     assert _end_of_beads(np.full(12, 2.0), 3) == (0, 0.0)
+
+
+@pytest.mark.parametrize(("count", "passed"), [(400, True), (700, False)])
+def test_a_filling_that_is_far_from_the_bed_seen_fails_its_check(count: int, passed: bool) -> None:
+    film = Path(__file__).parents[3] / "sample_media" / "seven_rigs" / "hopper.mp4"
+    bead = 4 / 3 * math.pi * 3.1e-3**3 * 569  # [kg]
+    found = rigtwin.measure(
+        "hopper", film, bin_width="60 mm", depth="40 mm", bead_diameter="6.2 mm", bead_density="569 kg/m^3",
+        frame_rate="120 Hz", total_mass=f"{1e3 * count * bead} g",
+    )  # fmt: skip
+    (check,) = (one for one in found.checks if one.check == "filling_mass")
+    assert check.passed == passed
