@@ -49,10 +49,10 @@ BLIND = 0.085  # bits per pixel, fewer than in any of these films: how long moti
 # must exceed three times the noise, which noise rarely reaches, by one.
 BED_CLEAR = 8.0
 
-# Largest ratio of a stated mass and that of the bed seen, either way.  Beds of 4 to 6 beads in depth fill 0.47 to 0.52
-# of the visible area times the depth, a ratio of 0.78 to 0.87, deeper ones up to 0.62, of 1.03; more than a third
-# beyond the latter is another filling
-MASS_OFF = 1.4
+# Ratios of a stated mass and that of the bed seen which are accepted.  Beds of 4 to 6 beads in depth fill 0.47 to 0.52
+# of the visible area times the depth, a ratio of 0.78 to 0.87, deeper ones up to 0.62, of 1.03; a fifth more on each
+# side
+MASS_RATIO = (0.62, 1.25)
 
 FAINTEST = 12.5  # [grey levels], the same for a film without noise: one quantiser step of a codec at usual strength
 
@@ -142,7 +142,7 @@ def mass_check(
         return "the stated mass was not checked, as the size of the bed is not known without a scale."
     area = float(seen.scenery.bed.sum()) * (scale / seen.lens.zoom) ** 2
     slab = PACKING * bead_density * area * depth
-    passed = 1 / MASS_OFF < total_mass / slab < MASS_OFF
+    passed = MASS_RATIO[0] < total_mass / slab < MASS_RATIO[1]
     message = (
         f"the bed seen, {1e4 * area:.4g} cm^2 over a depth of {1e3 * depth:.4g} mm, holds about {1e3 * slab:.4g} g at "
         f"a packing of {PACKING:g}, and {1e3 * total_mass:.4g} g are stated or follow from the number of beads"
