@@ -270,11 +270,12 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
         typer.echo(f"wrote {path}")
 
 
-def show_runs(rows: Sequence[Kept], as_json: bool, quiet: bool) -> None:
-    """The runs of a store, one row each."""
+def show_runs(rows: Sequence[Kept], damaged: int, as_json: bool, quiet: bool) -> None:
+    """The runs of a store, one row each; `damaged` is the number of rows that cannot be read."""
     if as_json:
         names = ("key", "name", "function", "version", "state", "message", "seconds", "finished")
-        print_json({"runs": [{name: getattr(row, name) for name in names} for row in rows]})
+        runs = [{name: getattr(row, name) for name in names} for row in rows]
+        print_json({"runs": runs, "damaged_rows": damaged})
     elif not quiet:
         from rich.table import Table
 

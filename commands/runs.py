@@ -48,12 +48,8 @@ def runs(
     if action == "drop" and not given and not failed:
         raise BadInput("drop: name the runs to drop, or give --failed.")
     with Store(_place(folder), create=False) as store:
-        if not failed and (damaged := store.damaged()):
-            rows = counted(len(damaged), "row")
-            advice = "such runs are computed again; drop --failed removes them, and the failed runs"
-            typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; {advice}.", err=True)
         if action == "list":
-            show_runs(store.rows(), as_json, quiet)
+            show_runs(store.rows(), len(store.damaged()), as_json, quiet)
         elif action == "show":
             row = _row(store, given[0])
             try:
@@ -74,6 +70,10 @@ def runs(
         else:
             count = store.export(Path(given[0]))
             _print({"file": given[0], "runs": count}, f"Wrote {counted(count, 'run')} to {given[0]}.", as_json, quiet)
+        if not (failed or as_json or quiet) and (damaged := store.damaged()):
+            rows = counted(len(damaged), "row")
+            advice = "such runs are computed again; drop --failed removes them, and the failed runs"
+            typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; {advice}.", err=True)
 
 
 def _place(folder: Path) -> Path:

@@ -145,10 +145,11 @@ def test_a_folder_without_a_store_is_refused(tmp_path, capsys):
 def test_a_damaged_row_is_left_out_computed_again_and_can_be_dropped(folder, capsys, change):
     with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
         ledger.execute(f"update runs set {change} where name = 'bed-2'")
-    assert run(["runs", str(folder), "--json"]) == 0
-    said = capsys.readouterr()
-    assert {row["name"] for row in json.loads(said.out)["runs"]} == {"bed-1", "bed-3"}
-    assert "1 row of the ledger cannot be read" in said.err
+    listed = document(capsys, folder)
+    assert {row["name"] for row in listed["runs"]} == {"bed-1", "bed-3"}
+    assert listed["damaged_rows"] == 1
+    assert run(["runs", str(folder)]) == 0
+    assert "1 row of the ledger cannot be read" in capsys.readouterr().err
     with Store(folder / "runs") as store:
         assert not store.find([one("bed-2", "many")])
         assert store.claim(one("bed-2", "many")) == "ours"
