@@ -70,7 +70,8 @@ def read_text_table(path: Path) -> Table:
     body = body[:end]
     at = _names_at(heads, width)
     for line, cells in heads[0 if at is None else at + 1 :]:
-        if not line.comment and sum(_is_number(cell, separator) for cell in cells) >= 2:  # a damaged row, no header
+        # a damaged row, no header: below the names no line of a header holds a number
+        if not line.comment and sum(_is_number(cell, separator) for cell in cells) >= (2 if at is None else 1):
             raise BadInput(f"{path}, line {line.number}: {len(cells)} cells where the table has {width}.")
     names, units, titles = _header(heads, width, at)
     if nameless := not any(names):

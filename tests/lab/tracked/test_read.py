@@ -319,6 +319,12 @@ def test_a_first_row_that_lost_its_end_is_no_header(tmp_path, head, row):
         read_bodies(path, TableOptions(parse_columns("t=1[s],x=2[mm],y=3[mm]")))
 
 
+def test_a_first_row_that_lost_a_comma_is_no_row_of_units(tmp_path):
+    path = written(tmp_path, "t_s,x_mm,y_mm\n0.0000.0,50\n0.2,3,20\n0.3,4,0\n")
+    with pytest.raises(BadInput, match="line 2: 2 cells where the table has 3"):
+        read_bodies(path, TableOptions())
+
+
 @pytest.mark.parametrize("text", ["3", "3,3", "3,7,3", ","])
 def test_a_broken_track_has_several_parts_each_of_them_once(text):
     with pytest.raises(BadQuantity, match="two at least and each once"):
