@@ -73,6 +73,13 @@ def below(name: str, value: float, limit: float, *, unit: str = "1", note: str =
     return Row(name, value, unit, None, f"below {limit:.2g}", bool(abs(value) < limit), note)
 
 
+def coverage(name: str, hits: Sequence[bool], *, judged: bool = True, note: str = "numbers") -> Row:
+    """Share of 95 % intervals that hold the truth; it passes from 0.90 to 0.99 where it is `judged`."""
+    share = sum(hits) / len(hits) if hits else math.nan
+    wanted, passed = ("0.90 to 0.99", bool(0.90 <= share <= 0.99)) if judged else ("", None)
+    return Row(f"{name}: 95 % intervals", share, "1", 0.95, wanted, passed, f"{len(hits)} {note}")
+
+
 def skipped(name: str, reason: str) -> Row:
     """A row whose figure cannot be had here."""
     return Row(name, math.nan, note=f"skipped: {reason}")

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.benchmarks.figures import Row, below, report, small
+from rigtwin.benchmarks.figures import Row, below, coverage, report, small
 from rigtwin.benchmarks.measure.bulk_coverage import CASES as BULK
 from rigtwin.benchmarks.measure.centres import centres
 from rigtwin.benchmarks.measure.motions import BEAD, STEEL, bounces, swing, through_a_camera
@@ -67,14 +67,7 @@ def drops(count: int) -> list[Row]:
             if q.quantity == "restitution_wall" and q.method in inside and q.detail["bounce"] in (1, 2):
                 low, high = q.interval95
                 inside[q.method].append(low < truth[q.method][int(q.detail["bounce"]) - 1] < high)
-    return [_coverage(f"drop, restitution by {method}", hits) for method, hits in inside.items()]
-
-
-def _coverage(name: str, hits: Sequence[bool]) -> Row:
-    share = float(np.mean(hits))
-    return Row(
-        f"{name}: 95 % intervals", share, "1", 0.95, "0.90 to 0.99", 0.90 <= share <= 0.99, f"{len(hits)} numbers"
-    )
+    return [coverage(f"drop, restitution by {method}", hits) for method, hits in inside.items()]
 
 
 def gravity(count: int) -> list[Row]:
@@ -133,7 +126,7 @@ def pendulums(count: int) -> list[Row]:
             if q.quantity == "restitution_pair" and q.method == "velocity" and q.detail["collision"] == 1:
                 low, high = q.interval95
                 hits.append(low < e < high)
-    return [_coverage("pendulum, restitution by velocity", hits)]
+    return [coverage("pendulum, restitution by velocity", hits)]
 
 
 def _seeded(case: Callable[[int, int], list[Row]]) -> Callable[[int], list[Row]]:

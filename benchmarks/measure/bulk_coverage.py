@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 from scipy.integrate import cumulative_trapezoid
 
-from rigtwin.benchmarks.figures import Row
+from rigtwin.benchmarks.figures import Row, coverage
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Profile, Series, Track
 from rigtwin.lab.rigs import GRAVITY
@@ -25,13 +25,6 @@ Cases = Callable[[int, int], list[Row]]
 
 BEAD, CYLINDER, RADIUS = 0.006, 0.06, 0.075  # [m]
 HEAPS = 8  # of one shape
-
-
-def coverage(name: str, hits: Sequence[bool]) -> Row:
-    share = float(np.mean(hits))
-    return Row(
-        f"{name}: 95 % intervals", share, "1", 0.95, "0.90 to 0.99", 0.90 <= share <= 0.99, f"{len(hits)} numbers"
-    )
 
 
 def _holds(found: Quantity, truth: float) -> bool:

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.benchmarks.figures import SMOKE, Row, report, small
+from rigtwin.benchmarks.figures import SMOKE, Row, coverage, report, small
 from rigtwin.benchmarks.measure.draw_footage import Footage, Picture, Stage, View, box, film
 from rigtwin.benchmarks.measure.motions import BEAD, STEEL, bounces, run_down, swing
 from rigtwin.lab.camera import Camera
@@ -398,15 +398,9 @@ def table(rig: str, names: Sequence[str], count: int, read: Read) -> list[Row]:
                 sys.stderr.writelines(_report(rig, name, found, note))
             rows.append(_row(rig, name, seen, refused))
             everything += seen
-    return [*rows, coverage(rig, everything, clips)]
-
-
-def coverage(rig: str, found: Sequence[Reading], clips: int) -> Row:
-    """Share of the numbers that are not flagged whose 95 % interval holds the truth."""
-    trusted = [reading for reading in found if not reading.flagged]
-    share = float(np.mean([abs(reading.off) <= WIDE for reading in trusted])) if trusted else math.nan
-    note = f"{len(trusted)} numbers that are not flagged, of {clips} clips or photos"
-    return Row(f"{rig}: 95 % intervals that hold the truth", share, note=note)
+    hits = [abs(reading.off) <= WIDE for reading in everything if not reading.flagged]
+    note = f"numbers that are not flagged, of {clips} clips or photos"
+    return [*rows, coverage(rig, hits, judged=False, note=note)]
 
 
 def _report(rig: str, name: str, found: Sequence[Reading], note: str) -> Iterator[str]:
