@@ -48,8 +48,9 @@ def runs(
     if action == "drop" and not given and not failed:
         raise BadInput("drop: name the runs to drop, or give --failed.")
     with Store(_place(folder), create=False) as store:
+        damaged = store.damaged()
         if action == "list":
-            show_runs(store.rows(), len(store.damaged()), as_json, quiet)
+            show_runs(store.rows(), damaged, as_json, quiet)
         elif action == "show":
             row = _row(store, given[0])
             try:
@@ -70,8 +71,8 @@ def runs(
         else:
             count = store.export(Path(given[0]))
             _print({"file": given[0], "runs": count}, f"Wrote {counted(count, 'run')} to {given[0]}.", as_json, quiet)
-        if not (failed or as_json or quiet) and (damaged := store.damaged()):
-            rows = counted(len(damaged), "row")
+        if damaged and not (failed or as_json or quiet):
+            rows = counted(damaged, "row")
             advice = "such runs are computed again; drop --failed removes them, and the failed runs"
             typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; {advice}.", err=True)
 

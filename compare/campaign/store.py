@@ -149,10 +149,8 @@ class Store:
         str
             Empty where it did not.
         """
-        with self._in_words():
-            row = self._ledger.execute("select * from runs where key = ? and state = 'failed'", (run.key,)).fetchone()
-        known = row is not None and _whole(row) and same_inputs(_parsed(row["inputs"]), run.inputs)
-        return str(row["message"]) if known else ""
+        row = self._row(run, "failed")
+        return "" if row is None else str(row["message"])
 
     def keep(self, run: Run, result: Result, seconds: float) -> None:
         """Keep the result of a finished run; its claim ends.
@@ -234,9 +232,9 @@ class Store:
             for row in self._all() if _whole(row)
         ]  # fmt: skip
 
-    def damaged(self) -> list[int]:
-        """Numbers of the rows of the ledger that cannot be read; their runs are computed again."""
-        return [row["number"] for row in self._all() if not _whole(row)]
+    def damaged(self) -> int:
+        """Number of rows of the ledger that cannot be read; their runs are computed again."""
+        return sum(not _whole(row) for row in self._all())
 
     def drop_damaged(self) -> int:
         """Delete the rows of the ledger that cannot be read; returns their number."""
@@ -347,10 +345,11 @@ class Store:
         if self._owner.alone():
             remove_leftovers(self.folder / "arrays")
 
-    def _row(self, run: Run) -> sqlite3.Row | None:
+    def _row(self, run: Run, state: State = "done") -> sqlite3.Row | None:
+        """The row of a run in this state, unless it is damaged or of other inputs."""
         with self._in_words():
             row: sqlite3.Row | None = self._ledger.execute(
-                "select * from runs where key = ? and state = 'done'", (run.key,)
+                "select * from runs where key = ? and state = ?", (run.key, state)
             ).fetchone()
         return row if row is not None and _whole(row) and same_inputs(_parsed(row["inputs"]), run.inputs) else None
 
