@@ -55,8 +55,8 @@ ELSEWHERE = 0.5
 CLEARLY_APART = 0.08  # logarithm of the ratio of their scales, more than beads can decide below
 LOOKING = (-0.1, 0.6)  # slope of the line of sight to the floor: from slightly below its level to 30 degrees above
 MOST_LEAN = math.radians(7)
-# slope of the line of sight to the surface: standard deviation, 6 degrees, assumed (11 photos by a path tracer whose
-# cameras were drawn from 0 to 10 degrees: 0.11); the steepest that is tried, 45 degrees
+# [1], slope of the line of sight to the surface: standard deviation, 6 degrees, assumed (11 photos by a path tracer
+# whose cameras were drawn from 0 to 10 degrees: 0.11); the steepest that is tried, 45 degrees
 USUAL_SLOPE, STEEPEST = 0.1, 1.0
 # [bead diameters], rise of the mean outline where the far side of the bed appears t above its near side:
 # hypot(RAISED_FROM, RAISED_BY t) - RAISED_FROM; its scatter, and the part of it that grows with the rise.  Settled beds
@@ -407,18 +407,22 @@ def _beads(
         if ratio is not None:
             radii = 0.8 * half / ratio, 1.1 * half / ratio
         searched = np.where(between, grey, np.median(grey)).astype(np.uint8)
-    beads = find_beads(searched, radii)
-    if beads is not None:
-        beads = more_beads(edges(grey), alike, beads, least_group=PARTED)
+
+    def searched_for(found: Beads) -> Beads:
+        centre = found.centre
         if region is not None:
             x, y, width, height = region
-            near = (np.abs(beads.centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)
-            beads = Beads(beads.centre[near], beads.radius)
+            centre = centre[(np.abs(centre - [x + width / 2, y + height / 2]) < [width / 2, height / 2]).all(axis=1)]
         if between is not None:
-            beads = Beads(beads.centre[at(between.astype(np.float32), beads.centre) > 0], beads.radius)
+            centre = centre[at(between.astype(np.float32), centre) > 0]
+        return Beads(centre, found.radius)
+
+    beads = find_beads(searched, radii)
+    if beads is not None:
+        beads = searched_for(more_beads(edges(grey), alike, beads, least_group=PARTED))
     count = 0 if beads is None else len(beads.centre)
     if count < FEWEST and stated.walls is not None and ratio is not None:
-        return _points_of(alike, region, stated, ratio), count
+        return searched_for(_points_of(alike, stated, ratio)), count
     return beads, count
 
 
@@ -427,9 +431,7 @@ def _named(beads: Beads, circles: int) -> str:
     return f"{len(beads.centre)} {'circles' if circles >= FEWEST else 'points that look like grains'}"
 
 
-def _points_of(
-    alike: FloatImage, region: tuple[float, float, float, float] | None, stated: Stated, ratio: float
-) -> Beads:
+def _points_of(alike: FloatImage, stated: Stated, ratio: float) -> Beads:
     """Points that look like grains between stated walls, a radius apart, in place of circles that were not found.
 
     `ratio` is cylinder over bead diameter.
@@ -437,11 +439,6 @@ def _points_of(
     radius = stated.half / ratio
     step = max(round(radius), 1)
     seen = (alike > ENDS_AT) & stated.between(alike.shape, 1.0)
-    if region is not None:
-        x, y, width, height = (round(value) for value in region)
-        inside = np.zeros_like(seen)
-        inside[max(y, 0) : y + height, max(x, 0) : x + width] = True
-        seen &= inside
     rows, columns = np.nonzero(seen[::step, ::step])
     return Beads(np.column_stack([columns, rows]).astype(np.float64) * step, radius)
 

@@ -658,11 +658,29 @@ def test_a_mass_that_no_stated_density_confirms_is_reported(tmp_path):
     assert all(one.doubtful for one in sure.quantities if one.quantity == "bulk_density")
 
 
-def seen_from_above(degrees: float) -> np.ndarray:
-    """Beads along the front of a cylinder of 60 mm, seen from far away; its floor meets the axis in row 480."""
-    rng, zoom = np.random.default_rng(3), 2
+def from_above(beads, radius, degrees, rng, *, away=math.inf):
+    """Photo of beads [mm] in a cylinder of 60 mm whose floor meets the axis in row 480.
+
+    The camera is `away` [mm] from the floor's middle, where a millimetre is PIXEL px.
+    """
+    zoom = 2
     picture = np.full((620 * zoom, 560 * zoom, 3), (205, 200, 192), np.uint8)
     mm, sine, cosine = PIXEL * zoom, math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    cv2.rectangle(picture, (0, 470 * zoom), (picture.shape[1], picture.shape[0]), (150, 152, 150), cv2.FILLED)
+    for x, near, row in sorted(beads, key=lambda bead: bead[1] * cosine + bead[2] * sine):
+        scale = mm / (1 - (near * cosine + row * sine) / away)
+        centre = (round(280 * zoom + x * scale), round(480 * zoom - (row * cosine - near * sine) * scale))
+        shade(picture, centre, radius * scale, rng.uniform(0.8, 1.1))
+    for side in (-1, 1):
+        wall = round(280 * zoom + side * 30 * mm)
+        cv2.line(picture, (wall, 40 * zoom), (wall, 480 * zoom), (60, 60, 60), zoom)
+    smaller = cv2.resize(picture, None, fx=1 / zoom, fy=1 / zoom, interpolation=cv2.INTER_AREA)
+    return np.clip(smaller + rng.normal(0, 2, smaller.shape), 0, 255).astype(np.uint8)
+
+
+def seen_from_above(degrees: float) -> np.ndarray:
+    """Beads along the front of the cylinder, seen from far away."""
+    rng = np.random.default_rng(3)
     beads = []
     for layer, row in enumerate(np.arange(3.0, 60.0, 5.2)):
         for k in range(28):  # beads a radius within the wall touch each other
@@ -670,15 +688,7 @@ def seen_from_above(degrees: float) -> np.ndarray:
             beads.append(
                 (27 * math.sin(turn), 27 * math.cos(turn), row if layer == 0 else row + rng.uniform(-0.5, 0.5))
             )
-    cv2.rectangle(picture, (0, 470 * zoom), (picture.shape[1], picture.shape[0]), (150, 152, 150), cv2.FILLED)
-    for x, near, row in sorted(beads, key=lambda bead: bead[1]):
-        centre = (round(280 * zoom + x * mm), round(480 * zoom - (row * cosine - near * sine) * mm))
-        shade(picture, centre, 3 * mm, rng.uniform(0.8, 1.1))
-    for side in (-1, 1):
-        wall = round(280 * zoom + side * 30 * mm)
-        cv2.line(picture, (wall, 40 * zoom), (wall, 480 * zoom), (60, 60, 60), zoom)
-    smaller = cv2.resize(picture, None, fx=1 / zoom, fy=1 / zoom, interpolation=cv2.INTER_AREA)
-    return np.clip(smaller + rng.normal(0, 2, smaller.shape), 0, 255).astype(np.uint8)
+    return from_above(beads, 3, degrees, rng)
 
 
 @pytest.mark.parametrize("degrees", [6, 12])
@@ -705,23 +715,11 @@ def poured(count: int, rng: np.random.Generator) -> np.ndarray:
 
 def bed_from_above(degrees: float) -> tuple[np.ndarray, float]:
     """A bed of beads of 4 mm, seen by a usual lens, and the mean height [m] of its outline seen horizontally."""
-    rng, zoom = np.random.default_rng(4), 2
-    away = FOCAL_LENGTH * 620 / PIXEL  # [mm], of the camera from the floor's middle, at which a millimetre is PIXEL px
-    picture = np.full((620 * zoom, 560 * zoom, 3), (205, 200, 192), np.uint8)
-    mm, sine, cosine = PIXEL * zoom, math.sin(math.radians(degrees)), math.cos(math.radians(degrees))
+    rng = np.random.default_rng(4)
     beads = poured(900, rng)
-    cv2.rectangle(picture, (0, 470 * zoom), (picture.shape[1], picture.shape[0]), (150, 152, 150), cv2.FILLED)
-    for x, near, row in sorted(beads, key=lambda bead: bead[1] * cosine + bead[2] * sine):
-        scale = mm * away / (away - near * cosine - row * sine)
-        centre = (round(280 * zoom + x * scale), round(480 * zoom - (row * cosine - near * sine) * scale))
-        shade(picture, centre, 2 * scale, rng.uniform(0.8, 1.1))
-    for side in (-1, 1):
-        wall = round(280 * zoom + side * 30 * mm)
-        cv2.line(picture, (wall, 40 * zoom), (wall, 480 * zoom), (60, 60, 60), zoom)
-    smaller = cv2.resize(picture, None, fx=1 / zoom, fy=1 / zoom, interpolation=cv2.INTER_AREA)
     profile = outline(1e-3 * beads, bead=0.004)
     inside = np.abs(profile.x) < packing_bed_profile.READ * CYLINDER / 2
-    picture = np.clip(smaller + rng.normal(0, 2, smaller.shape), 0, 255).astype(np.uint8)
+    picture = from_above(beads, 2, degrees, rng, away=FOCAL_LENGTH * 620 / PIXEL)
     return picture, float(np.nanmean(profile.height[inside]))
 
 
