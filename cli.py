@@ -317,6 +317,12 @@ def _interrupted(as_json: bool) -> int:
     return _fail("interrupted", "interrupted; results of earlier runs are as they were.", 130, as_json)
 
 
+def _not_loaded(error: Exception) -> bool:
+    """Whether the system loader found no memory for a library."""
+    words = ("failed to map segment", "cannot allocate memory")
+    return isinstance(error, ImportError) and any(each in str(error).lower() for each in words)
+
+
 def _less_memory(arguments: list[str]) -> str:
     """What to ask less of, by the command that was running."""
     if "simulate" in arguments or "reproduce" in arguments:
@@ -339,7 +345,7 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
     if isinstance(error, RigtwinError):
         return _fail(type(error).__name__, str(error), error.exit_code, as_json, error)
     number = getattr(error, "errno", None)
-    if isinstance(error, MemoryError) or number == errno.ENOMEM:
+    if isinstance(error, MemoryError) or number == errno.ENOMEM or _not_loaded(error):
         return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
     if number == errno.EAGAIN or str(error) == "can't start new thread":  # where memory is short for its stack, too
         message = f"the system gives no further thread, for want of memory or by a limit; {_less_memory(arguments)}."

@@ -98,7 +98,11 @@ class OverlayVideo:
         """Append a frame; None for the last ones, which the encoder holds back."""
         assert self._stream is not None
         with naming(self.path):
-            for packet in self._stream.encode(frame):
+            try:
+                packets = self._stream.encode(frame)
+            except av.error.ExternalError as error:  # x264 tells no more than that; the pictures are as it needs them
+                raise MemoryError from error
+            for packet in packets:
                 self._container.mux(packet)
 
 

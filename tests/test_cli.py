@@ -1048,6 +1048,14 @@ def test_what_to_ask_less_of_fits_the_command_that_ran_out_of_memory(arguments, 
     refused(arguments, capfd, advice)
 
 
+def test_a_library_that_finds_no_memory_is_no_fault_of_rigtwin(monkeypatch, capfd):
+    def not_loaded(*_: object, **__: object) -> None:
+        raise ImportError("_ppoly.so: failed to map segment from shared object")
+
+    monkeypatch.setattr("rigtwin.cli._command", lambda: not_loaded)
+    refused(["measure", "drop", "x.mp4"], capfd, "does not fit into memory")
+
+
 def test_a_full_disk_that_no_error_names_is_no_fault_of_rigtwin(monkeypatch, capfd):
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -1,4 +1,7 @@
-"""Captions on overlays: the whole text is inside the picture, and all characters are in the font."""
+"""Captions on overlays: the whole text is inside the picture, and all characters are in the font; films of them."""
+
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -54,3 +57,27 @@ def test_the_text_of_a_plot_is_text(tmp_path):
     figure.add_subplot().set_xlabel("time / s")
     save_plot(tmp_path / "plot.svg", figure)
     assert ">time / s</text>" in (tmp_path / "plot.svg").read_text(encoding="utf-8")
+
+
+FILM_WITH_LITTLE_MEMORY = """
+import resource
+import sys
+from pathlib import Path
+import numpy as np
+import psutil
+from rigtwin.measure.drawing import OverlayVideo
+
+picture = np.zeros((1000, 1000, 3), np.uint8)
+with OverlayVideo(Path(sys.argv[1]), frame_rate=30) as film:
+    room = psutil.Process().memory_info().vms + 25 * 2**20
+    resource.setrlimit(resource.RLIMIT_AS, (room, room))
+    film.write(picture)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a limit of the address space")
+def test_a_film_that_the_encoder_finds_no_memory_for_is_not_written(tmp_path):
+    path = tmp_path / "film.mp4"
+    ended = subprocess.run([sys.executable, "-c", FILM_WITH_LITTLE_MEMORY, path], capture_output=True, text=True)
+    assert ended.stderr.splitlines()[-1] == "MemoryError"
+    assert not list(tmp_path.iterdir())
