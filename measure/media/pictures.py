@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,8 @@ from rigtwin.measure.media.picture_size import must_be_small_enough
 
 Picture = tuple[GreyImage, Callable[[], Image]]
 """Brightness, shape (height, width), and a function that returns the BGR picture, shape (height, width, 3)."""
+
+PNG = b"\x89PNG\r\n\x1a\n"
 
 STACKS = (".tif", ".tiff")
 
@@ -78,6 +81,8 @@ def still(path: Path) -> npt.NDArray[Any]:
 
 def decoded(stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray[Any] | None:
     """A picture that OpenCV decodes, None if it cannot."""
+    if _promises_more(stored):
+        return None
     try:
         with silenced_stderr():
             image = cv2.imdecode(stored, kind)
@@ -86,6 +91,19 @@ def decoded(stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray[Any] | None
             raise MemoryError from None
         return None
     return None if image is None else np.asarray(image)
+
+
+def _promises_more(stored: npt.NDArray[np.uint8]) -> bool:
+    """Whether a PNG file states a chunk longer than the file: OpenCV takes that memory, up to 4 GB, then fails."""
+    if bytes(stored[: len(PNG)]) != PNG:
+        return False
+    place = len(PNG)
+    while place + 8 <= len(stored):
+        length, name = struct.unpack(">I4s", stored[place : place + 8].tobytes())
+        if name == b"IEND":
+            return False
+        place += 12 + length  # with its name and its checksum
+    return place > len(stored)
 
 
 def must_be_whole(path: Path, first: npt.NDArray[Any]) -> None:

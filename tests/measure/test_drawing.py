@@ -78,6 +78,7 @@ with OverlayVideo(Path(sys.argv[1]), frame_rate=30) as film:
 @pytest.mark.skipif(sys.platform != "linux", reason="a limit of the address space")
 def test_a_film_that_the_encoder_finds_no_memory_for_is_not_written(tmp_path):
     path = tmp_path / "film.mp4"
-    ended = subprocess.run([sys.executable, "-c", FILM_WITH_LITTLE_MEMORY, path], capture_output=True, text=True)
+    words = [sys.executable, "-c", FILM_WITH_LITTLE_MEMORY, str(path)]
+    ended = subprocess.run(words, check=False, capture_output=True, text=True)
     assert ended.stderr.splitlines()[-1] == "MemoryError"
     assert not list(tmp_path.iterdir())
