@@ -100,7 +100,7 @@ class OverlayVideo:
         with naming(self.path):
             try:
                 packets = self._stream.encode(frame)
-            except av.error.ExternalError as error:  # x264 tells no more than that; the pictures are as it needs them
+            except av.error.ExternalError as error:  # x264 states no reason; the pictures are as it needs them
                 raise MemoryError from error
             for packet in packets:
                 self._container.mux(packet)
