@@ -271,7 +271,7 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
 
 
 def show_runs(rows: Sequence[Kept], damaged: int, as_json: bool, quiet: bool) -> None:
-    """The runs of a store, one row each; `damaged` is the number of rows that cannot be read."""
+    """The runs of a store, one row each; `damaged` is the number of rows that are left out."""
     if as_json:
         names = ("key", "name", "function", "version", "state", "message", "seconds", "finished")
         runs = [{name: getattr(row, name) for name in names} for row in rows]

@@ -246,8 +246,8 @@ def _curves(plot):
     return re.findall(rb'<path d="([^"]+)"', plot)
 
 
-@pytest.mark.parametrize("damage", ["json", "npz", "packed", "pictures"])
-def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_path, measured, damage):
+@pytest.mark.parametrize("damage", ["json", "npz", "packed", "digits", "arrays", "pictures"])
+def test_what_is_damaged_changed_or_has_lost_its_pictures_is_measured_again(lab, tmp_path, measured, damage):
     out = tmp_path / "out"
     found = measure_lab(lab, out)
     measured.clear()
@@ -258,6 +258,15 @@ def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_pat
         for path in (out / "measured").glob("*.npz"):
             stored = path.read_bytes()
             path.write_bytes(stored[:60] + bytes(40) + stored[100:])
+    elif damage == "digits":
+        for path in (out / "measured").glob("*.json"):
+            path.write_text(
+                re.sub(r'"value": 0\.(\d)', lambda found: f'"value": 0.{(int(found[1]) + 1) % 10}', path.read_text())
+            )
+    elif damage == "arrays":
+        files = sorted((out / "measured").glob("*.npz"))
+        for path, stored in zip(files, [path.read_bytes() for path in files[1:] + files[:1]], strict=True):
+            path.write_bytes(stored)
     else:
         for path in (out / "measured").glob(f"*.{damage}"):
             path.write_bytes(path.read_bytes()[:40])
