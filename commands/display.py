@@ -165,8 +165,9 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
 
     primary, rest = primary_first(comparison.deviations)
     table = Table(title=escape(comparison.lab.title), title_justify="left")
-    for column in ("experiment", "quantity", "which", "measured", "simulated", "deviation", "z", "verdict"):
-        table.add_column(column, justify="right" if column in ("measured", "simulated", "deviation", "z") else "left")
+    for column in ("experiment", "quantity", "which", "measured", "simulated", "deviation", "z (limit)", "verdict"):
+        numbers = ("measured", "simulated", "deviation", "z (limit)")
+        table.add_column(column, justify="right" if column in numbers else "left")
     for outcome in comparison.outcomes:
         for row in primary:
             if row.experiment != outcome.experiment.id:
@@ -178,7 +179,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
                 reading(row.measured, row.measured_std_uncertainty, row.unit),
                 reading(row.simulated, row.simulated_std_uncertainty, row.unit),
                 percent(row.percent_deviation, row.percent_deviation_std),
-                z_score(row.z),
+                z_score(row.z, row.z_limit),
                 escape(", ".join(filter(None, (row.verdict, _check_failed(row))))),
             )
         table.add_section()

@@ -264,13 +264,15 @@ def percent(value: float | None, std_uncertainty: float | None) -> str:
     return f"{value:+.{digits}f} {plus_minus} %".replace("-", "−")
 
 
-def z_score(value: float | None) -> str:
-    """Return a difference in units of its standard uncertainty, with its sign.
+def z_score(value: float | None, limit: float | None) -> str:
+    """Return a difference in units of its standard uncertainty, with the limit beyond which it is significant.
 
     Parameters
     ----------
     value : float or None
         The difference [1].
+    limit : float or None
+        The limit [1]; infinite where nothing is known of the scatter.
 
     Returns
     -------
@@ -279,14 +281,18 @@ def z_score(value: float | None) -> str:
 
     Examples
     --------
-    >>> z_score(-1.234), z_score(2345.6), z_score(None)
-    ('−1.2', '>+99', '–')
+    >>> z_score(-1.234, 2.0), z_score(7.6, 12.71), z_score(2345.6, math.inf), z_score(None, None)
+    ('−1.2 (±2.0)', '+7.6 (±12.7)', '>+99 (±∞)', '–')
     """
     if value is None:
         return "–"
     if abs(value) > 99:
-        return ">+99" if value > 0 else "<−99"
-    return f"{0.0 if abs(value) < 0.05 else value:+.1f}".replace("-", "−")
+        sign = ">+99" if value > 0 else "<−99"
+    else:
+        sign = f"{0.0 if abs(value) < 0.05 else value:+.1f}".replace("-", "−")
+    if limit is None:
+        return sign
+    return f"{sign} (±{f'{limit:.1f}' if math.isfinite(limit) else '∞'})"
 
 
 def as_given(value: float | None) -> str:

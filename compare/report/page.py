@@ -182,7 +182,7 @@ def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
         n=deviation.measured_n,
         simulated=_in_two(reading(deviation.simulated, deviation.simulated_std_uncertainty, deviation.unit)),
         percent=_in_two(percent(deviation.percent_deviation, deviation.percent_deviation_std)),
-        z=z_score(deviation.z),
+        z=z_score(deviation.z, deviation.z_limit),
         verdict=deviation.verdict,
         tone=figures.tone(deviation),
         notes=tuple(1 + notes.index(note) for note in _notes(deviation)),
