@@ -265,6 +265,8 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
             "[yellow]doubtful[/yellow]" if row.doubtful else _check_failed(row),
         )
     console.print(table)
+    if found.headline:
+        console.print(found.headline)
     _tell_rest(console, rest, "measurements.csv")
     _tell_warnings(console, primary, found.measured, found.warnings)
     for path in found.files.values():

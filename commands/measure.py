@@ -356,7 +356,8 @@ def measure_lab(
     """All repetitions of a lab, without its twins: also `measure LAB`.
 
     Measurements are kept in OUT/measured by media, settings and version: called again, only what is new or changed is
-    measured, also by `rigtwin compare`.
+    measured, also by `rigtwin compare`. With --only, the tables in OUT go on to hold the other experiments whose
+    measurements are kept and still fit.
     """
     from rigtwin.compare.measure_lab import measure_lab as measure_all
 

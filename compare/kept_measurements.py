@@ -64,13 +64,10 @@ class KeptMeasurements:
     ----------
     out : Path
         Folder of results.
-    again : bool
-        Whether all are measured again.
     """
 
-    def __init__(self, out: Path, *, again: bool = False) -> None:
+    def __init__(self, out: Path) -> None:
         self._out = out
-        self._again = again
 
     def key(self, experiment: Experiment, views: Sequence[Path], known: Mapping[str, Any], folder: Path) -> str:
         """Return a digest of what decides the measurement of a repetition.
@@ -120,10 +117,8 @@ class KeptMeasurements:
         Returns
         -------
         Measurement or str or None
-            The measurement, or why it failed; None where neither is known, or all are measured again.
+            The measurement, or why it failed; None where neither is known.
         """
-        if self._again:
-            return None
         try:
             document = dict(json.loads(self._place(key, ".json").read_text(encoding="utf-8")))
             if document.pop("checksum") != json_sha256(document):
