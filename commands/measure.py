@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -31,6 +30,7 @@ from rigtwin.commands.options import (
 from rigtwin.commands.run_command import Work, finished, measured
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.media_files import FILMS, PICTURES, SOUNDS
+from rigtwin.lab.spelling import near
 
 ENDINGS = (*FILMS, *PICTURES, *SOUNDS, ".csv")
 """Suffixes by which a word is known as the name of a clip where there is no such file."""
@@ -59,7 +59,7 @@ class RigOrLab(TyperGroup):
             )
         if Path(word).name != word or Path(word).suffix:
             ctx.fail(f"{word}: no such file or folder")
-        if not get_close_matches(word, rigs):
+        if not near(word, rigs):
             ctx.fail(f"{word}: is neither a rig nor a lab folder; rigs are {', '.join(rigs)}")
 
 
