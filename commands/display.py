@@ -104,12 +104,15 @@ def show_measurement(measurement: Measurement, as_json: bool, quiet: bool) -> No
 
 def _show_scale(console: Console, camera: Mapping[str, Any]) -> None:
     """What pixels and frames were taken for, and where that is from."""
+    from rigtwin.lab.formatting import relative_uncertainty
+
     views = camera.get("views") or [camera]
     for source in dict.fromkeys(view.get("scale_from") for view in views):
-        sizes = [view.get("scale_m_per_px") for view in views if view.get("scale_from") == source]
-        known = ", ".join(f"{1e3 * size:.4g}" for size in sizes if size)
+        mine = [view for view in views if view.get("scale_from") == source and view.get("scale_m_per_px")]
+        known = ", ".join(f"{1e3 * view['scale_m_per_px']:.4g}" for view in mine)
         if source and known:
-            console.print(f"[dim]scale:[/dim] {known} mm/px, from {escape(str(source))}")
+            uncertain = relative_uncertainty([view.get("scale_std_rel") for view in mine])
+            console.print(f"[dim]scale:[/dim] {known} mm/px{uncertain}, from {escape(str(source))}")
 
 
 def kept_in_words(checkpoint: Path) -> str:

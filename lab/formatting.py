@@ -234,6 +234,28 @@ def uncertainty(std_uncertainty: float, unit: str) -> str:
     return f"{float(f'{std_uncertainty * factor:.2g}'):g}{space}{sign}"
 
 
+def relative_uncertainty(shares: Sequence[float | None]) -> str:
+    """Return the largest of relative standard uncertainties, to stand behind a value.
+
+    Parameters
+    ----------
+    shares : sequence of float or None
+        Relative standard uncertainties [1]; those that are not known count as none.
+
+    Returns
+    -------
+    str
+        Empty where none is known.
+
+    Examples
+    --------
+    >>> relative_uncertainty([0.05, 0.12]), relative_uncertainty([None, math.inf])
+    (' ± 12 %', '')
+    """
+    known = [share for share in shares if share is not None and math.isfinite(share)]
+    return f" ± {100 * max(known):.2g} %" if known else ""
+
+
 def percent(value: float | None, std_uncertainty: float | None) -> str:
     """Return a percentage with its sign and standard uncertainty.
 

@@ -17,7 +17,7 @@ from rigtwin.compare.report.figure_file import FigureFile, slug, unique_names
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.lab.formatting import percent, reading, siblings, title, uncertainty, z_score
+from rigtwin.lab.formatting import percent, reading, relative_uncertainty, siblings, title, uncertainty, z_score
 from rigtwin.lab.quantity import Measurement, check_lines
 from rigtwin.lab.rigs import SETTINGS
 
@@ -255,7 +255,8 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     if scales:
         sources = {str(item.camera["scale_from"]) for item in outcome.measurements if item.camera.get("scale_from")}
         origin = f" ({', '.join(sorted(sources))})" if sources else ""
-        lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
+        uncertain = relative_uncertainty([item.camera.get("scale_std_rel") for item in outcome.measurements])
+        lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{uncertain}{origin}"))
     put_in = outcome.twins[0].settings["contacts"] if outcome.twins else {}
     for pair, contact in put_in.items():
         needed = entry_of(experiment).needed(experiment)

@@ -173,6 +173,7 @@ def measure(
     view: dict[str, Any] = {
         "frame_rate_hz": rate,
         "scale_m_per_px": None if scale is None else scale * bed.lens.zoom,
+        "scale_std_rel": scale_uncertainty if scale is not None else None,
         "scale_from": scale_from,
         "camera_roll_deg": math.degrees(bed.upright.roll),
         "camera_roll_from": bed.upright.source,
