@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 from rigtwin.lab.errors import BadInput, rename_options, reworded_refusals
 from rigtwin.lab.rigs import RIGS, RigName
+from rigtwin.lab.spelling import near
 
 if TYPE_CHECKING:
     from rigtwin.commands.run_command import Work
@@ -466,6 +466,6 @@ def _in_own_words(call: Callable[[], Any]) -> Any:
 
 
 def _unknown(what: str, name: object, known: Sequence[str]) -> Exception:
-    close = get_close_matches(str(name), known, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(known)}."
+    meant = near(str(name), known)
+    hint = f"; did you mean {meant!r}?" if meant else f"; known are {', '.join(known)}."
     return BadInput(f"{what}: there is no {name!r}{hint}")

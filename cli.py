@@ -34,6 +34,7 @@ from rigtwin.commands.display import (
 )
 from rigtwin.commands.options import Cluster, Json, Quiet, Runs, Seed, Threads, out_option
 from rigtwin.commands.run_command import Work, finished
+from rigtwin.lab.spelling import near
 from rigtwin.lab.units import MOST_PARTICLES, MOST_RUNS
 from rigtwin.lab.version import __version__
 
@@ -54,8 +55,8 @@ WORDING = (  # how the parser of options says what we say elsewhere
     (r"Input should be greater than or equal to", "is too small; give at least"),
     (r"Input should be less than or equal to", "is too large; give at most"),
     (r"Value error, ", ""),
-    (r"'\. Did you mean", "'; did you mean"),
 )
+PROPOSED = r"(?P<given>'?[\w-]+'?)(?:\. Did you mean | \(Possible options: )(?P<proposed>[^?)]+)[?)]"
 
 CLEARED_UP = 5.0  # [s] after Ctrl-C, within which files are closed and worker processes ended
 
@@ -386,12 +387,19 @@ def _printable(message: str) -> str:
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in line)
 
 
+def _meant(found: re.Match[str]) -> str:
+    """An unknown command or option with what was proposed in its place, where that is near."""
+    meant = near(found["given"], re.findall(r"[\w-]+", found["proposed"]))
+    return found["given"] + (f"; did you mean {meant!r}" if meant else "")
+
+
 def _usage(error: typer.TyperException) -> str:
     context = getattr(error, "ctx", None)
     command = context.command_path if context is not None else "rigtwin"
     words = error.format_message()
     for theirs, ours in WORDING:
         words = re.sub(theirs, ours, words)
+    words = re.sub(PROPOSED, _meant, words)
     return f"{words.rstrip('.?')}; see `{command} --help`."
 
 

@@ -104,12 +104,15 @@ def show_measurement(measurement: Measurement, as_json: bool, quiet: bool) -> No
 
 def _show_scale(console: Console, camera: Mapping[str, Any]) -> None:
     """What pixels and frames were taken for, and where that is from."""
+    from rigtwin.lab.formatting import relative_uncertainty
+
     views = camera.get("views") or [camera]
     for source in dict.fromkeys(view.get("scale_from") for view in views):
-        sizes = [view.get("scale_m_per_px") for view in views if view.get("scale_from") == source]
-        known = ", ".join(f"{1e3 * size:.4g}" for size in sizes if size)
+        mine = [view for view in views if view.get("scale_from") == source and view.get("scale_m_per_px")]
+        known = ", ".join(f"{1e3 * view['scale_m_per_px']:.4g}" for view in mine)
         if source and known:
-            console.print(f"[dim]scale:[/dim] {known} mm/px, from {escape(str(source))}")
+            uncertain = relative_uncertainty([view.get("scale_std_rel") for view in mine])
+            console.print(f"[dim]scale:[/dim] {known} mm/px{uncertain}, from {escape(str(source))}")
 
 
 def kept_in_words(checkpoint: Path) -> str:
@@ -165,8 +168,9 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
 
     primary, rest = primary_first(comparison.deviations)
     table = Table(title=escape(comparison.lab.title), title_justify="left")
-    for column in ("experiment", "quantity", "which", "measured", "simulated", "deviation", "z", "verdict"):
-        table.add_column(column, justify="right" if column in ("measured", "simulated", "deviation", "z") else "left")
+    for column in ("experiment", "quantity", "which", "measured", "simulated", "deviation", "z (limit)", "verdict"):
+        numbers = ("measured", "simulated", "deviation", "z (limit)")
+        table.add_column(column, justify="right" if column in numbers else "left")
     for outcome in comparison.outcomes:
         for row in primary:
             if row.experiment != outcome.experiment.id:
@@ -178,7 +182,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
                 reading(row.measured, row.measured_std_uncertainty, row.unit),
                 reading(row.simulated, row.simulated_std_uncertainty, row.unit),
                 percent(row.percent_deviation, row.percent_deviation_std),
-                z_score(row.z),
+                z_score(row.z, row.z_limit),
                 escape(", ".join(filter(None, (row.verdict, _check_failed(row))))),
             )
         table.add_section()
@@ -264,6 +268,8 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
             "[yellow]doubtful[/yellow]" if row.doubtful else _check_failed(row),
         )
     console.print(table)
+    if found.headline:
+        console.print(found.headline)
     _tell_rest(console, rest, "measurements.csv")
     _tell_warnings(console, primary, found.measured, found.warnings)
     for path in found.files.values():
@@ -271,7 +277,7 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
 
 
 def show_runs(rows: Sequence[Kept], damaged: int, as_json: bool, quiet: bool) -> None:
-    """The runs of a store, one row each; `damaged` is the number of rows that cannot be read."""
+    """The runs of a store, one row each; `damaged` is the number of rows that are left out."""
     if as_json:
         names = ("key", "name", "function", "version", "state", "message", "seconds", "finished")
         runs = [{name: getattr(row, name) for name in names} for row in rows]

@@ -53,7 +53,8 @@ def compare(
 
     Every experiment of lab.toml is measured and its matched twin is run. A table, CSV and JSON files and a report show
     the measured value, the simulated value and their difference. Measurements are kept, and so are several runs of a
-    twin, which are computed side by side; called again, only missing ones are done.
+    twin, which are computed side by side; called again, only missing ones are done. With --only, an OUT that holds
+    results of other experiments is refused, so that none is lost.
     """
     from rigtwin.compare.compare_lab import compare as compare_lab
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
@@ -31,6 +30,7 @@ from rigtwin.commands.options import (
 from rigtwin.commands.run_command import Work, finished, measured
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.media_files import FILMS, PICTURES, SOUNDS
+from rigtwin.lab.spelling import near
 
 ENDINGS = (*FILMS, *PICTURES, *SOUNDS, ".csv")
 """Suffixes by which a word is known as the name of a clip where there is no such file."""
@@ -59,7 +59,7 @@ class RigOrLab(TyperGroup):
             )
         if Path(word).name != word or Path(word).suffix:
             ctx.fail(f"{word}: no such file or folder")
-        if not get_close_matches(word, rigs):
+        if not near(word, rigs):
             ctx.fail(f"{word}: is neither a rig nor a lab folder; rigs are {', '.join(rigs)}")
 
 
@@ -356,7 +356,8 @@ def measure_lab(
     """All repetitions of a lab, without its twins: also `measure LAB`.
 
     Measurements are kept in OUT/measured by media, settings and version: called again, only what is new or changed is
-    measured, also by `rigtwin compare`.
+    measured, also by `rigtwin compare`. With --only, the tables in OUT go on to hold the other experiments whose
+    measurements are kept and still fit.
     """
     from rigtwin.compare.measure_lab import measure_lab as measure_all
 

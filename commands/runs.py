@@ -74,7 +74,10 @@ def runs(
         if damaged and not (failed or as_json or quiet):
             rows = counted(damaged, "row")
             advice = "such runs are computed again; drop --failed removes them, and the failed runs"
-            typer.echo(f"{store.folder}: {rows} of the ledger cannot be read; {advice}.", err=True)
+            typer.echo(
+                f"{store.folder}: {rows} of the ledger cannot be read, or changed after they were kept; {advice}.",
+                err=True,
+            )
 
 
 def _place(folder: Path) -> Path:

@@ -108,8 +108,8 @@ def sweep(
     from rigtwin.compare.campaign.sweep import lab_setting, stated_setting
     from rigtwin.compare.campaign.sweep import sweep as run
     from rigtwin.lab.errors import BadInput
-    from rigtwin.lab.file.schema import suggestion
     from rigtwin.lab.rigs import RIGS
+    from rigtwin.lab.spelling import suggestion
 
     measured = None
     if subject in RIGS and not Path(subject, "lab.toml").is_file():

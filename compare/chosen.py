@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab
-from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.reference.repetition_scatter import Scatter, published_scatter
+from rigtwin.lab.spelling import suggestion
 
 
 def chosen(lab: Lab, only: Sequence[str] | None) -> tuple[Experiment, ...]:

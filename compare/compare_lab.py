@@ -44,10 +44,10 @@ from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, Claimed, SimulationFailed, TwinLacks
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import Model, read_model
-from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.materials import KnownContact, pair
 from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
+from rigtwin.lab.spelling import suggestion
 
 if TYPE_CHECKING:
     from rigtwin.compare.report.figure_file import FigureFile

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, fields, replace
 from statistics import fmean, stdev
 from typing import Any
 
+from rigtwin.lab.formatting import counted
 from rigtwin.lab.quantity import CheckLine, Detail, Quantity, root_sum_of_squares
 from rigtwin.lab.reference.repetition_scatter import Scatter
 
@@ -94,6 +95,8 @@ class Combined:
     doubtful: str = ""
     left_out: int = 0
     """Number of doubtful repetitions that are excluded from the mean, because there are sound ones."""
+    left_out_for: str = ""
+    """Why they are doubtful."""
     freedom: float = math.inf
     """Effective degrees of freedom of `std_uncertainty` (GUM eq. G.2b)."""
     stated: bool = False
@@ -145,6 +148,11 @@ class Deviation:
     """Names of the checks that failed in the repetitions of which this is the mean, whether or not it rests on them."""
     note: str = ""
     budget: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def z_limit(self) -> float | None:
+        """Limit of abs(z), from which on the two values differ."""
+        return None if self.coverage_factor is None else _limit(self.coverage_factor)
 
     def row(self) -> dict[str, Any]:
         """The flat row of ``deviations.csv``."""
@@ -220,6 +228,7 @@ def combine(repetitions: Sequence[Quantity], prior: Scatter | None = None) -> Co
     sound = [repetition for repetition in repetitions if not repetition.doubtful]
     used = sound or list(repetitions)
     n = len(used)
+    reasons = "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions if repetition.doubtful))
     values = [repetition.value for repetition in used]
     split = [_split(repetition) for repetition in used]
     shared = {
@@ -239,8 +248,9 @@ def combine(repetitions: Sequence[Quantity], prior: Scatter | None = None) -> Co
         std_uncertainty=std_uncertainty,
         unit=used[0].unit,
         budget=budget,
-        doubtful="" if sound else "; ".join(dict.fromkeys(repetition.doubtful for repetition in repetitions)),
+        doubtful="" if sound else reasons,
         left_out=len(repetitions) - n,
+        left_out_for=reasons if sound else "",
         freedom=_freedom([(random, freedom if scatter > own else math.inf)], std_uncertainty),
         **_known_beforehand(scatter, stdev(values) if n > 1 else 0.0, n, fmean(values), prior),
     )
@@ -709,6 +719,11 @@ def _coverage(freedom: float, probability: float) -> float:
     return float(stdtrit(freedom, upper) if math.isfinite(freedom) else ndtri(upper))
 
 
+def _limit(coverage_factor: float) -> float:
+    """Limit of abs(z): two standard uncertainties, or what spans 95 % where that is more."""
+    return max(2.0, coverage_factor)
+
+
 def _verdict(
     measured: Combined,
     simulated: Combined | None,
@@ -722,12 +737,12 @@ def _verdict(
     if simulated is None:
         return "no twin value"
     if given:
-        return "set equal" if z is None or abs(z) < max(2, _coverage(freedom, 0.95)) else "differs from the setting"
+        return "set equal" if z is None or abs(z) < _limit(_coverage(freedom, 0.95)) else "differs from the setting"
     if doubtful:
         return "doubtful"
     if z is None:
         return "uncertainty unknown"
-    span = max(2.0, _coverage(freedom, 0.95))
+    span = _limit(_coverage(freedom, 0.95))
     if abs(z) >= span:
         certainty = "probably " if abs(z) < _coverage(freedom, SURE) else ""
         return f"twin {certainty}too {'high' if z > 0 else 'low'}"
@@ -786,7 +801,10 @@ def _note(run_name: str, measured: Combined, simulated: Combined | None, set_fro
     if set_from:
         notes.append(f"the twin starts from the {set_from} value")
     if measured.left_out:
-        notes.append(f"{measured.left_out} doubtful repetition{'s' if measured.left_out > 1 else ''} left out")
+        notes.append(f"{counted(measured.left_out, 'doubtful repetition')} left out")
+    if simulated is not None and simulated.left_out:  # no warning of the twin gives the reason
+        run = counted(simulated.left_out, f"doubtful {run_name or 'run'}")
+        notes.append(f"{run} of the twin left out ({simulated.left_out_for}), {simulated.n} counted")
     return "; ".join(notes)
 
 

@@ -1,8 +1,9 @@
 """Measurements that are kept beside the results, so that no repetition is measured twice.
 
 A measurement is found again by a digest of its media, of all settings that it depends on, of the program, and of the
-folder of its pictures, in which another clip of the same name may come to stand.  It is used as long as the pictures
-that were written with it are there as they were: other settings write theirs under the same names.
+folder of its pictures, in which another clip of the same name may come to stand.  It is used as long as its checksum
+fits and the pictures that were written with it are there as they were: other settings write theirs under the same
+names.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 
 from rigtwin.compare.result_files import plain
 from rigtwin.lab.camera import Camera
-from rigtwin.lab.checksums import sha256
+from rigtwin.lab.checksums import json_sha256, sha256
 from rigtwin.lab.errors import Mark
 from rigtwin.lab.file.lab_file import Experiment
 from rigtwin.lab.input_files import DAMAGED, lies_outside
@@ -63,13 +64,10 @@ class KeptMeasurements:
     ----------
     out : Path
         Folder of results.
-    again : bool
-        Whether all are measured again.
     """
 
-    def __init__(self, out: Path, *, again: bool = False) -> None:
+    def __init__(self, out: Path) -> None:
         self._out = out
-        self._again = again
 
     def key(self, experiment: Experiment, views: Sequence[Path], known: Mapping[str, Any], folder: Path) -> str:
         """Return a digest of what decides the measurement of a repetition.
@@ -104,7 +102,7 @@ class KeptMeasurements:
             "version": __version__,
             "code": _code_digest(),
         }
-        return hashlib.sha256(json.dumps(plain(settings), sort_keys=True).encode()).hexdigest()[:20]
+        return json_sha256(plain(settings))[:20]
 
     def find(self, key: str, views: Sequence[Path]) -> Measurement | str | None:
         """Return a measurement that is kept.
@@ -119,18 +117,20 @@ class KeptMeasurements:
         Returns
         -------
         Measurement or str or None
-            The measurement, or why it failed; None where neither is known, or all are measured again.
+            The measurement, or why it failed; None where neither is known.
         """
-        if self._again:
-            return None
         try:
-            document = json.loads(self._place(key, ".json").read_text(encoding="utf-8"))
+            document = dict(json.loads(self._place(key, ".json").read_text(encoding="utf-8")))
+            if document.pop("checksum") != json_sha256(document):
+                return None
             if not all(_is_there(one, self._out) for one in dict(document["files"]).values()):
                 return None
             if "failed" in document:
                 return str(document["failed"])
-            content = io.BytesIO(self._place(key, ".npz").read_bytes())  # a damaged file would stay open
-            with np.load(content, allow_pickle=False) as file:
+            stored = self._place(key, ".npz").read_bytes()  # a damaged file would stay open
+            if document["arrays"] != hashlib.sha256(stored).hexdigest():
+                return None
+            with np.load(io.BytesIO(stored), allow_pickle=False) as file:
                 return _measurement(document, dict(file), views[0], self._out)
         except DAMAGED:  # or none is there
             return None
@@ -157,8 +157,11 @@ class KeptMeasurements:
             result, arrays = _result(found, self._out)
             with replacing(self._place(key, ".npz")) as part, part.open("wb") as file:
                 np.savez_compressed(file, **arrays)
+            result["arrays"] = sha256(self._place(key, ".npz"))
+        content = plain(result)
         with replacing(self._place(key, ".json")) as part:
-            part.write_text(json.dumps(plain(result), ensure_ascii=False), encoding="utf-8")
+            whole = {**content, "checksum": json_sha256(content)}
+            part.write_text(json.dumps(whole, ensure_ascii=False), encoding="utf-8")
 
     def _place(self, key: str, suffix: str) -> Path:
         return self._out / FOLDER / f"{key}{suffix}"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,16 +16,12 @@ from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import need_fitting_media, refused_twins
 from rigtwin.compare.twins.matched import set_by_hand
 from rigtwin.lab.file.lab_file import Lab, read_lab
+from rigtwin.lab.formatting import counted, few_of
 from rigtwin.lab.output_files import remove_leftovers
 from rigtwin.lab.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
-
-PART = (
-    "measurements.csv and measurements.json hold the experiments named by --only; the others are kept and come back "
-    "with the next `rigtwin measure` of the whole lab"
-)
 
 
 @dataclass(frozen=True)
@@ -37,6 +33,16 @@ class LabMeasurements:
     """By experiment, in the order of the lab file."""
     files: dict[str, Path] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    new: int = 0
+    """Number of repetitions that were measured, not taken from what is kept."""
+
+    @property
+    def headline(self) -> str:
+        """How many repetitions were measured and how many are kept, in one sentence; empty where there are none."""
+        kept = sum(len(one.measurements) + len(one.failures) for one in self.measured) - self.new
+        if not kept:
+            return f"{counted(self.new, 'repetition')} measured." if self.new else ""
+        return f"{counted(self.new, 'repetition')} measured, {kept} kept from before; --again measures all."
 
     def __repr__(self) -> str:
         names = ", ".join(one.experiment.id for one in self.measured)
@@ -114,7 +120,7 @@ def measure_lab(
     progress : Progress
         Called with step, number and count.
     only : sequence of str, optional
-        Names of the experiments; all by default.
+        Names of the experiments; all by default.  Of the others the tables show what is kept in `out` and still fits.
     workers : int, optional
         Number of measuring processes, one for each core by default.
     again : bool
@@ -138,20 +144,31 @@ def measure_lab(
     experiments = chosen(lab, only)
     need_fitting_media(lab, experiments)
     with result_files.claimed(out):
-        for place in (*folders(experiments), KEPT):
+        for place in (*folders(lab.experiments), KEPT):
             remove_leftovers(out / place)
-        with measuring(experiments, out, workers, again=again) as pending:
+        with measuring(lab.experiments, out, workers, again=again, only=experiments) as pending:
             found: Mapping[str, Measured] = pending.results(progress)
-        if not any(one.known for one in found.values()):
-            for one in found.values():
+        named = tuple(found[one.id] for one in experiments)
+        if not any(one.known for one in named):
+            for one in named:
                 one.need_known()
-        remarks = (*(() if len(experiments) == len(lab.experiments) else (PART,)), *refused_twins(lab, experiments))
-        done = LabMeasurements(lab, tuple(found[one.id] for one in experiments), remarks=remarks)
+        remarks = (*_not_in_tables(lab, found), *refused_twins(lab, experiments))
+        done = LabMeasurements(lab, named, remarks=remarks, new=len(pending.started))
+        whole = replace(done, measured=tuple(found[one.id] for one in lab.experiments if one.id in found))
         names = ("measurements.csv", "measurements.json")
         done.files.update({name: out / name for name in names})
         contents = {
-            "measurements.csv": result_files.table(done.rows, result_files.OBSERVATION_COLUMNS),
-            "measurements.json": result_files.document(done.to_json()),
+            "measurements.csv": result_files.table(whole.rows, result_files.OBSERVATION_COLUMNS),
+            "measurements.json": result_files.document(whole.to_json()),
         }
         result_files.write_together(out, contents)
     return done
+
+
+def _not_in_tables(lab: Lab, found: Mapping[str, Measured]) -> Iterator[str]:
+    """A remark on the experiments that are not named and not kept as they are now."""
+    if missing := [one.id for one in lab.experiments if one.id not in found]:
+        yield (
+            f"{few_of(missing)}: not in measurements.csv and measurements.json, because not every "
+            "repetition is kept as it is now; `rigtwin measure` of the whole lab adds what is missing"
+        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -227,7 +227,12 @@ def measure_repetition(
 
 @contextmanager
 def measuring(
-    experiments: Sequence[Experiment], out: Path, workers: int | None = None, *, again: bool = False
+    experiments: Sequence[Experiment],
+    out: Path,
+    workers: int | None = None,
+    *,
+    again: bool = False,
+    only: Collection[Experiment] | None = None,
 ) -> Iterator[Pending]:
     """Start measuring all repetitions; the block may do other work before it calls `Pending.results`.
 
@@ -241,6 +246,8 @@ def measuring(
         Number of processes.  Default: one per core.
     again : bool
         Whether repetitions are measured again whose measurements are kept.
+    only : collection of Experiment, optional
+        Those whose repetitions are measured; of the others only what is kept is taken.
 
     Yields
     ------
@@ -259,11 +266,13 @@ def measuring(
         for experiment, place in zip(experiments, folders(experiments), strict=True)
         for views, folder in zip(experiment.repetitions, _places(experiment, out / place), strict=True)
     ]
-    kept = KeptMeasurements(out, again=again)
+    kept = KeptMeasurements(out)
+    named = {one.id for one in (experiments if only is None else only)}
+    wanted = {k for k, (experiment, *_) in enumerate(jobs) if experiment.id in named}
     keys = [kept.key(experiment, views, known(experiment), folder) for experiment, views, folder in jobs]
-    before = {k: kept.find(keys[k], jobs[k][1]) for k in range(len(jobs))}
+    before = {k: None if again and k in wanted else kept.find(keys[k], jobs[k][1]) for k in range(len(jobs))}
     # the views of a pile are one long job: start it first, so that the others run beside it
-    new = sorted((k for k, found in before.items() if found is None), key=lambda k: -len(jobs[k][1]))
+    new = sorted((k for k in wanted if before[k] is None), key=lambda k: -len(jobs[k][1]))
     work, less = "measured a repetition", "give shorter clips or smaller photos"
     with spawned(len(new), workers, work=work, less=less) as pool:
         started = {pool.submit(measure_repetition, *jobs[k]): k for k in new}
@@ -300,21 +309,27 @@ class Pending:
         Returns
         -------
         dict of str to Measured
-            By experiment, with the repetitions in the order of the lab file.
+            By experiment, with the repetitions in the order of the lab file; without those that are not measured and
+            not kept.
         """
         done = dict(self.before)
+        total = len(self.before) + len(self.started)
         for job in as_completed(self.started):
-            progress("measuring repetitions", len(done), len(self.names))
+            progress("measuring repetitions", len(done), total)
             number = self.started[job]
             found = done[number] = job.result()
             if isinstance(found, Failure):
                 self.kept.keep(self.keys[number], found.message, found.picture)
             else:
                 self.kept.keep(self.keys[number], found)
-        progress("measuring repetitions", len(self.names), len(self.names))
-        mine: dict[str, list[Measurement | Failure]] = {experiment.id: [] for experiment in self.experiments}
+        progress("measuring repetitions", total, total)
+        unknown = {name for number, name in enumerate(self.names) if number not in done}
+        mine: dict[str, list[Measurement | Failure]] = {
+            experiment.id: [] for experiment in self.experiments if experiment.id not in unknown
+        }
         for number, name in enumerate(self.names):
-            mine[name].append(done[number])
+            if name in mine:
+                mine[name].append(done[number])
         return {
             experiment.id: Measured(
                 experiment,
@@ -322,6 +337,7 @@ class Pending:
                 tuple(result for result in mine[experiment.id] if isinstance(result, Failure)),
             )
             for experiment in self.experiments
+            if experiment.id in mine
         }
 
 

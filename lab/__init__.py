@@ -20,6 +20,7 @@ What comes out:
 Tools:
 
 - `arrays`, `units`, `checksums`, `version`: array types, quantities with units, checksums of media, the version.
+- `spelling`: which known name a misspelt one means.
 - `integration`: equations of motion in time.
 - `drum_flow`, `rolling_conventions`: whether the bed of a drum flows; rolling friction in other codes.
 """

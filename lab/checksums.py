@@ -1,8 +1,9 @@
-"""What a clip, photo or folder of pictures holds, as one checksum."""
+"""Checksums of what a file, a folder of pictures or a JSON document holds."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -98,3 +99,24 @@ def sha256(path: Path) -> str:
     for one in sorted(file for file in path.iterdir() if file.is_file()):
         whole.update(f"{one.name}\n{sha256(one)}\n".encode())
     return whole.hexdigest()
+
+
+def json_sha256(document: object) -> str:
+    """Return a checksum of a JSON document.
+
+    Parameters
+    ----------
+    document : object
+        Of JSON types only; the order of names does not count.
+
+    Returns
+    -------
+    str
+        SHA-256, 64 hexadecimal digits.
+
+    Examples
+    --------
+    >>> json_sha256({"a": 1, "b": 0.5}) == json_sha256({"b": 0.5, "a": 1})
+    True
+    """
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

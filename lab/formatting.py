@@ -234,6 +234,28 @@ def uncertainty(std_uncertainty: float, unit: str) -> str:
     return f"{float(f'{std_uncertainty * factor:.2g}'):g}{space}{sign}"
 
 
+def relative_uncertainty(shares: Sequence[float | None]) -> str:
+    """Return the largest of relative standard uncertainties, to stand behind a value.
+
+    Parameters
+    ----------
+    shares : sequence of float or None
+        Relative standard uncertainties [1]; those that are not known count as none.
+
+    Returns
+    -------
+    str
+        Empty where none is known.
+
+    Examples
+    --------
+    >>> relative_uncertainty([0.05, 0.12]), relative_uncertainty([None, math.inf])
+    (' ± 12 %', '')
+    """
+    known = [share for share in shares if share is not None and math.isfinite(share)]
+    return f" ± {100 * max(known):.2g} %" if known else ""
+
+
 def percent(value: float | None, std_uncertainty: float | None) -> str:
     """Return a percentage with its sign and standard uncertainty.
 
@@ -264,13 +286,15 @@ def percent(value: float | None, std_uncertainty: float | None) -> str:
     return f"{value:+.{digits}f} {plus_minus} %".replace("-", "−")
 
 
-def z_score(value: float | None) -> str:
-    """Return a difference in units of its standard uncertainty, with its sign.
+def z_score(value: float | None, limit: float | None) -> str:
+    """Return a difference in units of its standard uncertainty, with the limit beyond which it is significant.
 
     Parameters
     ----------
     value : float or None
         The difference [1].
+    limit : float or None
+        The limit [1]; infinite where nothing is known of the scatter.
 
     Returns
     -------
@@ -279,14 +303,18 @@ def z_score(value: float | None) -> str:
 
     Examples
     --------
-    >>> z_score(-1.234), z_score(2345.6), z_score(None)
-    ('−1.2', '>+99', '–')
+    >>> z_score(-1.234, 2.0), z_score(7.6, 12.71), z_score(2345.6, math.inf), z_score(None, None)
+    ('−1.2 (±2.0)', '+7.6 (±12.7)', '>+99 (±∞)', '–')
     """
     if value is None:
         return "–"
     if abs(value) > 99:
-        return ">+99" if value > 0 else "<−99"
-    return f"{0.0 if abs(value) < 0.05 else value:+.1f}".replace("-", "−")
+        sign = ">+99" if value > 0 else "<−99"
+    else:
+        sign = f"{0.0 if abs(value) < 0.05 else value:+.1f}".replace("-", "−")
+    if limit is None:
+        return sign
+    return f"{sign} (±{f'{limit:.1f}' if math.isfinite(limit) else '∞'})"
 
 
 def as_given(value: float | None) -> str:

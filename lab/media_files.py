@@ -48,6 +48,9 @@ _BEGINNINGS = (
     (rb"PK\x03\x04", "a ZIP archive or a spreadsheet"),
     (rb"%PDF-", "a PDF document"),
 )
+_ENDINGS = {"MP4": ".mp4", "AVI": ".avi", "Matroska": ".mkv", "JPEG": ".jpg", "PNG": ".png", "TIFF": ".tif"} | {
+    "BMP": ".bmp", "HEIC": ".heic", "WAV": ".wav", "FLAC": ".flac", "Ogg": ".ogg", "MP3": ".mp3",
+}  # fmt: skip
 STL_HEAD, STL_FACET = 84, 50
 """Bytes of a binary STL file: its header with the number of facets, and each facet."""
 
@@ -77,3 +80,24 @@ def kind_of(content: bytes) -> str:
     binary = len(content) >= STL_HEAD and len(content) == STL_HEAD + STL_FACET * facets
     text = content.lstrip()[:5].lower() == b"solid" and b"endfacet" in content
     return "an STL file" if binary or text else ""
+
+
+def ending_of(kind: str) -> str:
+    """Return the usual ending of the name of a film, a picture or a sound recording.
+
+    Parameters
+    ----------
+    kind : str
+        As `kind_of` returns it.
+
+    Returns
+    -------
+    str
+        With its dot; "" for other kinds.
+
+    Examples
+    --------
+    >>> ending_of("a film (MP4)"), ending_of("a PDF document")
+    ('.mp4', '')
+    """
+    return _ENDINGS.get(kind.rpartition("(")[2].rstrip(")"), "")

@@ -110,7 +110,7 @@ def test_a_twin_has_values_and_a_table():
         (lambda: rigtwin.simulate("pile", base_diameter="90 mm", count=1.5), "^count: .*whole number"),
         (lambda: rigtwin.simulate("tilt", variant="slid"), "did you mean 'slide'"),
         (lambda: rigtwin.simulate("drop"), "^drop_height: is missing"),
-        (lambda: rigtwin.simulate("drum", rolling=1), "did you mean 'rolling_model'"),
+        (lambda: rigtwin.simulate("drum", rolling_modl=1), "did you mean 'rolling_model'"),
         (lambda: rigtwin.measure("drop", CLIP, out=3), "^out: 3 is not the name of a file or folder"),
         (lambda: rigtwin.measure("drop", 3), "^media: 3 is not the name of a file"),
         (lambda: rigtwin.measure("drop", CLIP, plate=3), "^plate: '3' is not of the form"),

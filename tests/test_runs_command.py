@@ -141,15 +141,22 @@ def test_a_folder_without_a_store_is_refused(tmp_path, capsys):
     assert "cannot be read as a ledger of runs" in refused(capsys, tmp_path)
 
 
-@pytest.mark.parametrize("change", ["seconds = x'00ff'", "finished = null", "result = '{\"bed_hei'", "state = 'dome'"])
+@pytest.mark.parametrize(
+    "change",
+    [
+        "seconds = x'00ff'", "finished = null", "result = '{\"bed_hei'", "state = 'dome'",
+        "name = cast(x'62e53f' as text)", "result = replace(result, '0.04', '0.05')",
+        "seconds = 0.6", "checksum = null",
+    ],
+)  # fmt: skip
 def test_a_damaged_row_is_left_out_computed_again_and_can_be_dropped(folder, capsys, change):
     with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
-        ledger.execute(f"update runs set {change} where name = 'bed-2'")
+        assert ledger.execute(f"update runs set {change} where name = 'bed-2'").rowcount == 1
     listed = document(capsys, folder)
     assert {row["name"] for row in listed["runs"]} == {"bed-1", "bed-3"}
     assert listed["damaged_rows"] == 1
     assert run(["runs", str(folder)]) == 0
-    assert "1 row of the ledger cannot be read" in capsys.readouterr().err
+    assert "1 row of the ledger cannot be read, or changed after" in capsys.readouterr().err
     with Store(folder / "runs") as store:
         assert not store.find([one("bed-2", "many")])
         assert store.claim(one("bed-2", "many")) == "ours"
@@ -166,7 +173,19 @@ def test_a_ledger_without_one_of_its_columns_is_refused(folder, capsys):
     assert "is damaged, it has no seconds; put a copy of the store back" in refused(capsys, folder)
 
 
-def test_a_name_that_is_no_text_is_shown_as_such(folder, capsys):
+def test_rows_of_a_ledger_without_checksums_are_computed_again(folder, capsys):
     with closing(sqlite3.connect(folder / "runs" / "ledger.sqlite")) as ledger, ledger:
-        ledger.execute("update runs set name = cast(x'62e53f' as text) where name = 'bed-1'")
-    assert "b\ufffd?" in {one["name"] for one in document(capsys, folder)["runs"]}
+        ledger.execute("alter table runs drop column checksum")
+    with Store(folder / "runs") as store:
+        assert store.claim(one("bed-1", 1)) == "ours"
+        store.keep(one("bed-1", 1), {"bed_height": 0.0315}, 2.5)
+    assert document(capsys, folder)["damaged_rows"] == 2
+
+
+def test_arrays_of_another_run_are_not_believed(folder, capsys):
+    with Store(folder / "runs") as store:
+        store.keep(one("bed-4", 4), {"bed_height": 0.0315, "heights": 2 * HEIGHTS}, 2.5)
+        arrays = [folder / "runs" / "arrays" / f"{one(*each).key}.npz" for each in (("bed-1", 1), ("bed-4", 4))]
+        arrays[0].write_bytes(arrays[1].read_bytes())
+        assert list(store.find([one("bed-1", 1), one("bed-4", 4)])) == ["bed-4"]
+    assert document(capsys, folder, "show", "bed-1")["damaged"]

@@ -42,12 +42,12 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
 from rigtwin.lab.file.model_file import model_text
-from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.formatting import title
 from rigtwin.lab.materials import PARAMETERS, pair
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Quantity, in_a_row
 from rigtwin.lab.rig_quantities import quantities_of
+from rigtwin.lab.spelling import suggestion
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from rigtwin.compare.result_files import plain
+from rigtwin.lab.checksums import json_sha256
 from rigtwin.lab.errors import RigtwinError
 from rigtwin.lab.version import __version__
 
@@ -31,8 +30,7 @@ class Run:
     @cached_property
     def key(self) -> str:
         """Digest of rigtwin's version, function and settings: 20 hexadecimal digits."""
-        what = json.dumps([__version__, self.function, plain(self.settings)], sort_keys=True)
-        return hashlib.sha256(what.encode()).hexdigest()[:20]
+        return json_sha256([__version__, self.function, plain(self.settings)])[:20]
 
 
 @dataclass(frozen=True)

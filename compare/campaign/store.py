@@ -1,13 +1,14 @@
 """A folder that keeps finished runs, and lets several processes share the work.
 
 ``ledger.sqlite`` has one row for each finished run: name, function, settings, inputs, version, result and run time, as
-text in JSON.  Arrays of a result are in ``arrays/KEY.npz``, written before the row.  A process claims a run before it
-starts it.  A claim holds as long as its owner lives: the owner holds a lock on its file in ``owners``, which the
-operating system releases when the process ends, however it ends.
+text in JSON, and the checksum of all these.  Arrays of a result are in ``arrays/KEY.npz``, written before the row that
+holds their checksum.  A process claims a run before it starts it.  A claim holds as long as its owner lives: the owner
+holds a lock on its file in ``owners``, which the operating system releases when the process ends, however it ends.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -24,6 +25,7 @@ import numpy as np
 
 from rigtwin.compare.campaign.run import Result, Run, same_inputs
 from rigtwin.compare.result_files import plain
+from rigtwin.lab.checksums import json_sha256, sha256
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.input_files import DAMAGED
 from rigtwin.lab.output_files import locked, remove_leftovers, replacing
@@ -35,12 +37,13 @@ if TYPE_CHECKING:
 LEDGER = "ledger.sqlite"
 # columns that hold texts; only `seconds` is a number
 TEXTS = ("key", "name", "function", "settings", "inputs", "version", "state", "result", "message", "finished")
+CONTENT = (*TEXTS, "seconds")  # what the checksum of a row is taken of
 PATIENCE = 60.0  # [s], waiting for another process that writes to the ledger
 
 TABLES = """
 create table if not exists runs (
     key text primary key, name text, function text, settings text, inputs text, version text, state text,
-    result text, message text, seconds real, finished text
+    result text, message text, seconds real, finished text, checksum text
 );
 create table if not exists claims (key text primary key, owner text);
 """
@@ -166,9 +169,11 @@ class Store:
         """
         arrays = {name: value for name, value in result.items() if isinstance(value, np.ndarray)}
         others = {name: value for name, value in result.items() if name not in arrays}
+        listed: dict[str, Any] = {}
         if arrays:
             self._write_arrays(run.key, arrays)
-        self._insert(run, "done", json.dumps({**plain(others), "arrays": list(arrays)}), "", seconds)
+            listed = {"names": list(arrays), "sha256": sha256(self._arrays(run.key))}
+        self._insert(run, "done", json.dumps({**plain(others), "arrays": listed}), "", seconds)
 
     def keep_failure(self, run: Run, message: str, seconds: float) -> None:
         """Keep why a run failed; its claim ends.
@@ -233,11 +238,11 @@ class Store:
         ]  # fmt: skip
 
     def damaged(self) -> int:
-        """Number of rows of the ledger that cannot be read; their runs are computed again."""
+        """Number of rows that cannot be read, or were changed since; their runs are computed again."""
         return sum(not _whole(row) for row in self._all())
 
     def drop_damaged(self) -> int:
-        """Delete the rows of the ledger that cannot be read; returns their number."""
+        """Delete the rows that cannot be read, or were changed since; returns their number."""
         with self._transaction():
             damaged = [row for row in self._all() if not _whole(row)]
             self._ledger.executemany("delete from runs where rowid = ?", [(row["number"],) for row in damaged])
@@ -251,12 +256,19 @@ class Store:
             return self._ledger.execute("select rowid as number, * from runs order by finished, key").fetchall()
 
     def _need_columns(self) -> None:
-        columns = {row["name"] for row in self._ledger.execute("pragma table_info(runs)")}
-        if missing := [name for name in (*TEXTS, "seconds") if name not in columns]:
+        columns = self._columns()
+        if missing := [name for name in CONTENT if name not in columns]:
             raise BadInput(
                 f"{self.folder / LEDGER}: is damaged, it has no {' and no '.join(missing)}; put a copy of the store "
                 "back, or name another folder."
             )
+        if "checksum" not in columns:  # of an earlier version, whose rows cannot be checked
+            with self._transaction():
+                if "checksum" not in self._columns():
+                    self._ledger.execute("alter table runs add column checksum text")
+
+    def _columns(self) -> set[str]:
+        return {row["name"] for row in self._ledger.execute("pragma table_info(runs)")}
 
     def result(self, key: str) -> Result:
         """Return a result with its arrays.
@@ -356,22 +368,30 @@ class Store:
     def _result(self, row: sqlite3.Row) -> Result:
         """The result of a row, with its arrays; empty if it is damaged."""
         result = _parsed(row["result"])
-        names = result.pop("arrays", ())
-        if not names:
+        listed = result.pop("arrays", {})
+        if not listed:
             return result
         try:
-            content = io.BytesIO(self._arrays(row["key"]).read_bytes())
-            with np.load(content, allow_pickle=False) as file:
-                return result | {name: file[name] for name in names}
+            content = self._arrays(row["key"]).read_bytes()
+            if hashlib.sha256(content).hexdigest() != listed["sha256"]:
+                return {}
+            with np.load(io.BytesIO(content), allow_pickle=False) as file:
+                return result | {name: file[name] for name in listed["names"]}
         except DAMAGED:
             return {}
 
     def _insert(self, run: Run, state: str, result: str, message: str, seconds: float) -> None:
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         settings, inputs = json.dumps(plain(run.settings)), json.dumps(plain(run.inputs))
-        row = (run.key, run.name, run.function, settings, inputs, __version__, state, result, message, seconds, now)
+        row = {
+            "key": run.key, "name": run.name, "function": run.function, "settings": settings, "inputs": inputs,
+            "version": __version__, "state": state, "result": result, "message": message, "finished": now,
+            "seconds": float(seconds),
+        }  # fmt: skip
+        row["checksum"] = _checksum(row)
+        columns, places = ", ".join(row), ", ".join(f":{name}" for name in row)
         with self._transaction():
-            self._ledger.execute(f"insert or replace into runs values ({','.join('?' * len(row))})", row)
+            self._ledger.execute(f"insert or replace into runs ({columns}) values ({places})", row)
             self._ledger.execute("delete from claims where key = ?", (run.key,))
 
     def _arrays(self, key: str) -> Path:
@@ -457,15 +477,20 @@ class _Owner:
         return False
 
 
+def _checksum(row: Mapping[str, Any] | sqlite3.Row) -> str:
+    return json_sha256([row[name] for name in CONTENT])
+
+
 def _whole(row: sqlite3.Row) -> bool:
-    """Whether a row can be read: texts, among them three JSON objects, a known state and a time."""
+    """Whether a row is as it was kept: texts, among them three JSON objects, a known state, a time, their checksum."""
     if not all(isinstance(row[name], str) for name in TEXTS) or not isinstance(row["seconds"], int | float):
         return False
     try:
         objects = [json.loads(row[name]) for name in ("settings", "inputs", "result")]
     except (ValueError, RecursionError):
         return False
-    return all(isinstance(one, dict) for one in objects) and row["state"] in get_args(State)
+    known = all(isinstance(one, dict) for one in objects) and row["state"] in get_args(State)
+    return known and row["checksum"] == _checksum(row)
 
 
 def _parsed(text: str) -> dict[str, Any]:

@@ -35,10 +35,11 @@ from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import Experiment, Lab, read_lab
-from rigtwin.lab.file.schema import ExperimentEntry, suggestion
+from rigtwin.lab.file.schema import ExperimentEntry
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.rigs import SETTINGS
+from rigtwin.lab.spelling import suggestion
 
 if TYPE_CHECKING:
     from rigtwin.sim.engine.contact import Rolling

@@ -10,8 +10,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_type_hints
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.file.schema import ExperimentEntry, InSi, suggestion
+from rigtwin.lab.file.schema import ExperimentEntry, InSi
 from rigtwin.lab.materials import PARAMETERS, Particle, no_bead_has, no_bead_is, scaled
+from rigtwin.lab.spelling import suggestion
 from rigtwin.lab.units import DIMENSIONS, si
 
 if TYPE_CHECKING:

@@ -197,9 +197,9 @@ def diagnose(
         result = _shown(bench, lab, verdict, sizes)
     except (np.linalg.LinAlgError, ArithmeticError) as error:  # any other ValueError is a programming error
         raise BadInput(
-            f"{lab.folder}: the model of a {lab.rig} cannot be fitted to these tracks ({error}); check that time_s is "
-            "in seconds, x_m and y_m in metres, and the lab's sizes, masses and settings, and leave out repetitions "
-            "in which hardly anything moves.  If all of these are right, RIGTWIN_DEBUG=1 shows where it failed."
+            f"{lab.folder}: the model of a {lab.rig} cannot be fitted to these tracks ({error}); check the units of "
+            "time_s, x_m and y_m and the lab's sizes, masses and settings, leave out repetitions in which hardly "
+            "anything moves, or set RIGTWIN_DEBUG=1 to see where it failed."
         ) from error
     broken = [f"{title}: not tried, its equations have no solution for these tracks" for title in naming.broken]
     result = replace(result, left_out=(*lab.overlooked, *lab.assumed(candidates), *left_out, *broken))

@@ -17,7 +17,7 @@ from rigtwin.compare.report.figure_file import FigureFile, slug, unique_names
 from rigtwin.compare.report.fill_template import filled
 from rigtwin.compare.report.methods_text import Methods
 from rigtwin.compare.twins.registry import entry_of
-from rigtwin.lab.formatting import percent, reading, siblings, title, uncertainty, z_score
+from rigtwin.lab.formatting import percent, reading, relative_uncertainty, siblings, title, uncertainty, z_score
 from rigtwin.lab.quantity import Measurement, check_lines
 from rigtwin.lab.rigs import SETTINGS
 
@@ -182,7 +182,7 @@ def _row(deviation: Deviation, widest: float, notes: list[str]) -> Row:
         n=deviation.measured_n,
         simulated=_in_two(reading(deviation.simulated, deviation.simulated_std_uncertainty, deviation.unit)),
         percent=_in_two(percent(deviation.percent_deviation, deviation.percent_deviation_std)),
-        z=z_score(deviation.z),
+        z=z_score(deviation.z, deviation.z_limit),
         verdict=deviation.verdict,
         tone=figures.tone(deviation),
         notes=tuple(1 + notes.index(note) for note in _notes(deviation)),
@@ -255,7 +255,8 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
     if scales:
         sources = {str(item.camera["scale_from"]) for item in outcome.measurements if item.camera.get("scale_from")}
         origin = f" ({', '.join(sorted(sources))})" if sources else ""
-        lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{origin}"))
+        uncertain = relative_uncertainty([item.camera.get("scale_std_rel") for item in outcome.measurements])
+        lines.append(("scale", f"{1e3 * sum(scales) / len(scales):.4f} mm/px{uncertain}{origin}"))
     put_in = outcome.twins[0].settings["contacts"] if outcome.twins else {}
     for pair, contact in put_in.items():
         needed = entry_of(experiment).needed(experiment)

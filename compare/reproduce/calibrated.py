@@ -18,12 +18,12 @@ from rigtwin.compare.reproduce import paper_runs
 from rigtwin.compare.reproduce.tables import in_bed
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import read_lab
-from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.output_files import replacing
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rig_quantities import ABOVE_RIM
 from rigtwin.lab.rigs import SLOT_LENGTH
+from rigtwin.lab.spelling import suggestion
 
 if TYPE_CHECKING:
     from rigtwin.compare.campaign.calibration import Calibration

@@ -10,9 +10,9 @@ from typing import TypeVar
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.lab_file import read_cast
 from rigtwin.lab.file.model_file import Model
-from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.materials import PARAMETERS, Contact, KnownContact, Material, Particle
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.spelling import suggestion
 
 T = TypeVar("T")
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import copies
@@ -29,7 +29,6 @@ from rigtwin.lab.file.schema import (
     Repaired,
     read_document,
     repaired,
-    suggestion,
     validated,
     without_consequences,
 )
@@ -43,6 +42,7 @@ from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.reference.repetition_scatter import Scatter
 from rigtwin.lab.rigs import RIGS, SETTINGS, RigName, RigSettings
+from rigtwin.lab.spelling import suggestion
 from rigtwin.lab.tracked.table import TableOptions
 
 
@@ -219,15 +219,15 @@ def lab_of(document: Document, *, allow_outside: bool = False) -> Lab:
     """
     path, read = document.path, repaired(document, LabFile)
     file = read.file
-    used = {entry.particle for entry in file.experiments}
-    used |= {entry.wall for entry in file.experiments if entry.wall is not None}  # which particles may cover
+    stated = _stated(document)  # also where an example stands in the place of an experiment
+    used = {str(entry[name]) for entry in stated for name in ("particle", "wall") if name in entry}  # some cover walls
     inventory = Inventory(file, path.parent, allow_outside=allow_outside, only=used)
     experiments = [
         _experiment(path.parent, inventory, entry, ("experiments", number), allow_outside, read)
         for number, entry in enumerate(file.experiments)
     ]
-    found = [*inventory.problems, *_repeated_ids(document, file)]
-    problems = without_consequences([*read.problems, *(one for one in found if not read.touches(one.key))])
+    found = (one for one in inventory.problems if not read.touches(one.key))
+    problems = without_consequences([*read.problems, *found, *_repeated_ids(document, stated)])
     if not file.experiments:
         problems.append(Problem((), "has no experiments; add one under [[experiments]]."))
     if problems:
@@ -547,19 +547,28 @@ def _idle(entry: ExperimentEntry, key: Key) -> Iterator[Problem]:
         yield Problem((*key, *name), "is not used, because there are no repetitions; leave it out.")
 
 
-def _repeated_ids(document: Document, file: LabFile) -> list[Problem]:
+def _stated(document: Document) -> list[Mapping[str, Any]]:
+    """The keys of the experiments as they are written; none where they are no tables."""
+    written = document.data.get("experiments")
+    return [entry if isinstance(entry, Mapping) else {} for entry in (written if isinstance(written, list) else ())]
+
+
+def _repeated_ids(document: Document, stated: Sequence[Mapping[str, Any]]) -> list[Problem]:
     problems = []
     first: dict[str, int] = {}
-    for number, entry in enumerate(file.experiments):
+    for number, entry in enumerate(stated):
         key: Key = ("experiments", number, "id")
-        if entry.id in first:
-            earlier = ("experiments", first[entry.id], "id")
+        name = entry.get("id")
+        if not name or not isinstance(name, str):  # which is a fault of its own
+            continue
+        if name in first:
+            earlier = ("experiments", first[name], "id")
             problems.append(
                 Problem(
                     key,
-                    f"{entry.id!r} is already the id of {dotted(earlier[:2])} on line {document.line(earlier)}; "
+                    f"{name!r} is already the id of {dotted(earlier[:2])} on line {document.line(earlier)}; "
                     "give each experiment an id of its own.",
                 )
             )
-        first.setdefault(entry.id, number)
+        first.setdefault(name, number)
     return problems

@@ -8,10 +8,11 @@ from pathlib import Path
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.file.own_particles import faults, own_particle
-from rigtwin.lab.file.schema import LabFile, ModelFile, ParticleEntry, Problem, suggestion
+from rigtwin.lab.file.schema import LabFile, ModelFile, ParticleEntry, Problem
 from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.materials import PARAMETERS, KnownContact, Material, Pair, Particle, pair
 from rigtwin.lab.reference import hlosta2020
+from rigtwin.lab.spelling import suggestion
 
 
 class Inventory:

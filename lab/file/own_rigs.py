@@ -27,12 +27,12 @@ from rigtwin.lab.file.schema import (
     RegionEntry,
     WallEntry,
     read_document,
-    suggestion,
     validated,
 )
 from rigtwin.lab.file.toml_lines import Key, dotted
 from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
 from rigtwin.lab.materials import Particle
+from rigtwin.lab.spelling import suggestion
 from rigtwin.lab.stl import STL_UNITS, stl_facets
 from rigtwin.lab.units import LONGEST, MOST_PARTICLES
 

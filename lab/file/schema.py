@@ -5,7 +5,6 @@ The classes are the edge: texts with units go in, SI floats come out, an unknown
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import tomllib
@@ -14,7 +13,7 @@ from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar, get_args, get_origin
+from typing import Annotated, Any, Generic, Literal, NamedTuple, TypeVar, cast, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError
 from pydantic.fields import FieldInfo
@@ -41,6 +40,7 @@ from rigtwin.lab.rigs import (
     RigSettings,
     Tilt,
 )
+from rigtwin.lab.spelling import near, suggestion
 from rigtwin.lab.stl import StlUnit
 from rigtwin.lab.stl_grain import MOST_SPHERES, STL_SPHERES
 from rigtwin.lab.tracked.columns import parse_columns, parse_joined
@@ -1236,6 +1236,7 @@ _EXPERIMENTS: dict[str, type[_ExperimentEntry]] = {
 }
 
 _NO_TABLE = ("dict_type", "model_type", "model_attributes_type")  # of pydantic's errors
+_NO_RIG = ("union_tag_invalid", "union_tag_not_found")
 _MISSING = "this key is missing"
 _MEANT = re.compile(r"unknown key; did you mean '(.+?)'\?")
 
@@ -1350,7 +1351,29 @@ def repaired(document: Document, kind: type[File]) -> Repaired[File]:
                     raise document.error(without_consequences(problems)) from None
                 # what is wrong with an example is nothing that was written
                 (consequences if _touches(before, problem.key) else problems).append(problem)
-                places.add(_repair(data, problem.key, details, kind))
+                if details["type"] in _NO_RIG:
+                    table = data["experiments"][problem.key[1]]
+                    if meant := near(str(table.get("rig", "")), RIGS):
+                        table["rig"] = meant  # nothing else of the experiment is repaired
+                        continue
+                    problems += _of_every_rig(table, problem.key[:2])
+                repaired_key = _repair(data, problem.key, details, kind)
+                if details["type"] != "extra_forbidden" or _MEANT.match(problem.what):
+                    places.add(repaired_key)
+
+
+def _of_every_rig(table: Mapping[str, Any], key: Key) -> list[Problem]:
+    """What is wrong with an experiment whichever its rig is."""
+    found: list[dict[Problem, None]] = []
+    for rig, entry in _EXPERIMENTS.items():
+        try:
+            entry.model_validate({**table, "rig": rig})
+        except ValidationError as error:
+            places = [{**details, "loc": (*key, rig, *details["loc"])} for details in error.errors()]
+            found.append(dict.fromkeys(_problem(cast("ErrorDetails", each), LabFile) for each in places))
+        else:
+            return []
+    return [problem for problem in found[0] if all(problem in others for others in found[1:])]
 
 
 def without_consequences(problems: Sequence[Problem]) -> list[Problem]:
@@ -1372,7 +1395,7 @@ def without_consequences(problems: Sequence[Problem]) -> list[Problem]:
 
 def _repair(data: dict[str, Any], key: Key, details: ErrorDetails, kind: type[_Entry]) -> Key:
     """Put the key's example in its place, or take it out where it has none; the place of what was repaired."""
-    if details["type"].startswith("union_tag") or (len(key) == 2 and key[0] == "experiments"):
+    if details["type"] in _NO_RIG or (len(key) == 2 and key[0] == "experiments"):
         key = key[:2]
         value: Any = {name: example_of(DropEntry.model_fields[name]) for name in ("id", "particle", "wall")}
         value |= {"rig": "drop", "repetitions": ["r01.mp4"]}
@@ -1438,7 +1461,7 @@ def _problem(details: ErrorDetails, kind: type[_Entry]) -> Problem:
 def _place_of(name: str, section: type[_Entry]) -> str:
     """Where a key belongs that stands beside the experiments and is one of theirs; empty for others."""
     of_experiments = any(name in entry.model_fields for entry in _EXPERIMENTS.values())
-    if section is not LabFile or not of_experiments or difflib.get_close_matches(name, section.model_fields, n=1):
+    if section is not LabFile or not of_experiments or near(name, section.model_fields):
         return ""
     return f"it belongs to an experiment: below its [[experiments]] write {name} = ..., or a table [experiments.{name}]"
 
@@ -1562,35 +1585,6 @@ def toml(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f'"{value}"' if isinstance(value, str) else str(value)
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return the known names as advice, the nearest one first where one is near.
-
-    Parameters
-    ----------
-    name : str
-        The name that is not known.
-    known : iterable of str
-        Names that are known.
-
-    Returns
-    -------
-    str
-        A clause.
-
-    Examples
-    --------
-    >>> suggestion("framerate", ["frame_rate", "scale"])
-    "did you mean 'frame_rate'? (known: frame_rate, scale)"
-    """
-    names = list(dict.fromkeys(known))
-    near = difflib.get_close_matches(name.lower(), [word.lower() for word in names], n=1)
-    listed = ", ".join(names) or "none"
-    if not near:
-        return f"known are {listed}"
-    found = next(word for word in names if word.lower() == near[0])
-    return f"did you mean {found!r}? (known: {listed})"
 
 
 def _unknown_rig(name: str) -> str:

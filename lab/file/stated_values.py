@@ -15,11 +15,11 @@ from statistics import fmean, stdev
 from typing import Any, NamedTuple
 
 from rigtwin.lab.errors import BadInput, BadQuantity
-from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.quantity import Detail, Quantity
 from rigtwin.lab.reference.repetition_scatter import Scatter
 from rigtwin.lab.rig_quantities import BODIES, SIDES, RigQuantity, quantities_of
 from rigtwin.lab.rigs import RigSettings
+from rigtwin.lab.spelling import suggestion
 from rigtwin.lab.units import DIMENSIONS, si
 
 _REPETITIONS = re.compile(r"[(,;\s]\s*n\s*=\s*(\d+)\s*\)?$")

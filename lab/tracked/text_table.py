@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.input_files import LARGEST_TABLE, must_have_few_rows, read_bytes
+from rigtwin.lab.media_files import ending_of, kind_of
 from rigtwin.lab.tracked.columns import body_and_axis, is_unit, role_of
 from rigtwin.lab.tracked.table import Table
 
@@ -108,7 +109,7 @@ def _lines(path: Path) -> list[_Line]:
     must_have_few_rows(path, raw.count(b"\n"))
     text = _decoded(raw)
     if text is None:
-        raise BadInput(f"{path}: not a text file; give a table of tracked data as CSV or text.")
+        raise BadInput(f"{path}: {_what_else(path, raw)}.")
     lines: list[_Line] = []
     block, blank = 0, False
     for number, line in enumerate(text.splitlines(), start=1):
@@ -119,6 +120,16 @@ def _lines(path: Path) -> list[_Line]:
         comment = COMMENT.match(line)
         lines.append(_Line(number, line[comment.end() :] if comment else line, comment is not None, block))
     return lines
+
+
+def _what_else(path: Path, raw: bytes) -> str:
+    """What a file that should be a table is by its first bytes, and what to do."""
+    kind = kind_of(raw)
+    what = f"{kind} by its first bytes" if kind else "not a text file"
+    what = f"is taken for a table by its ending {path.suffix}, and is {what}"
+    if ending := ending_of(kind):
+        return f"{what}; rename it to {path.stem}{ending}"
+    return f"{what}; give a table of tracked data as CSV or text, or a clip with the usual ending of its format"
 
 
 def _decoded(raw: bytes) -> str | None:

@@ -153,6 +153,7 @@ def measure(
     view: dict[str, Any] = {
         "frame_rate_hz": video.frame_rate,
         "scale_m_per_px": scale,
+        "scale_std_rel": scale_uncertainty if scale is not None else None,
         "scale_from": scale_from,
         "camera_roll_deg": math.degrees(seen.upright.roll),
         "camera_roll_from": seen.upright.source,

@@ -56,12 +56,11 @@ class Film:
         except (UnreadableMedia, MemoryError):  # av.error.MemoryError is one
             raise
         except Exception as error:  # FFmpeg's, and PyAV's own at metadata and streams that it does not expect
-            advice = (
-                "its end with the index is missing: the recording or the copy was broken off; copy it again"
-                if breaks_off(path)
-                else "give a clip that a video player shows"
-            )
-            raise UnreadableMedia(f"{path}: cannot be decoded as a video ({reason(error)}); {advice}.") from None
+            why, advice = reason(error), "give a clip that a video player shows"
+            if breaks_off(path):
+                why = "its end with the index is missing, the recording or the copy was broken off"
+                advice = "copy it again"
+            raise UnreadableMedia(f"{path}: cannot be decoded as a video ({why}); {advice}.") from None
         self.shape = (first.shape[0], first.shape[1])
         self.notes += (CUT_OFF,) if breaks_off(path) else ()
         if not square(self.squeeze):

@@ -69,6 +69,7 @@ def observe_photo(
     }
     view = {
         "scale_m_per_px": scale * bed.silhouette.zoom,
+        "scale_std_rel": uncertainty,
         "scale_from": source,
         "floor_from": floor_from,
         "camera_roll_deg": math.degrees(bed.roll),

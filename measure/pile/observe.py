@@ -135,6 +135,7 @@ def observe_photo(
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,
+        "scale_std_rel": None if scale is None else seen.scale_uncertainty,
         "scale_from": scale_from,
         "camera_roll_deg": math.degrees(found.view.roll),
         "looking_down_deg": found.view.looking_down,

@@ -82,7 +82,7 @@ def measure_table(
         run, result = onset_of(way, str(path))
         if not known:
             view = {"scale_m_per_px" if read.unit == "px" else "scale_m_per_unit": NOMINAL / result.gain}
-            view["scale_from"] = "gravity"
+            view |= {"scale_std_rel": result.gain_sigma / result.gain, "scale_from": "gravity"}
             track = replace(track, position=track.position / result.gain, sigma=track.sigma / result.gain)
             way = way_down(plate.series, [track], variant, bead_diameter, uncertainty)
             run, result = onset_of(way, str(path))

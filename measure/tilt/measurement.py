@@ -133,6 +133,7 @@ def measure(
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
         return plate, track, way, *onset_of(way, str(clip))
 
+    by_gravity = math.inf
     with seeing(Seen(frame=video.first, marks=body_seen(film)), film.warnings):
         plate, track = record(film, gauge)
         way = way_down(plate, [track], variant, bead_diameter, gauge.uncertainty)
@@ -147,6 +148,7 @@ def measure(
             plate, track, way, run, onset = read(film, gauge)
         if not math.isfinite(gauge.uncertainty):
             # only now, as it depends on the square of all times
+            by_gravity = onset.gain_sigma / onset.gain
             gauge = replace(gauge, scale=gauge.scale / onset.gain, source="gravity")
             plate, track, way, run, onset = read(film, gauge)
         timing = _timing(film, video, onset)
@@ -169,7 +171,7 @@ def measure(
         quantities=judged_quantities(quantities, of_film) if resting is None else judged_of_incline(quantities, checks),
         checks=checks,
         warnings=(*video.warnings, *film.warnings, *evaluation.warnings, *([still] if isinstance(still, str) else [])),
-        camera=_view(video, gauge, camera),
+        camera=_view(video, gauge, camera, by_gravity),
         tracks=(track,),
         series=(plate,),
         marks=video.marks_in_file(picture_marks(film)),
@@ -200,11 +202,13 @@ def _geometry(film: Film, gauge: Gauge) -> dict[str, float]:
     }
 
 
-def _view(video: Video, gauge: Gauge, camera: Camera) -> dict[str, Any]:
+def _view(video: Video, gauge: Gauge, camera: Camera, by_gravity: float) -> dict[str, Any]:
+    """What is known of the camera; `by_gravity` is the relative standard uncertainty of a scale from the run."""
     return {
         "frame_rate_hz": video.frame_rate,
         "playback_rate_hz": video.playback_rate,
         "scale_m_per_px": gauge.scale,
+        "scale_std_rel": by_gravity if gauge.source == "gravity" else gauge.uncertainty,
         "scale_from": gauge.source,
         "camera_roll_deg": math.degrees(gauge.level.roll),
         "camera_roll_std_deg": math.degrees(gauge.level.sigma),

@@ -133,6 +133,13 @@ def test_a_doubtful_repetition_is_left_out_and_named_where_sound_ones_remain():
     assert "1 doubtful repetition left out" in row.note
 
 
+def test_a_doubtful_run_of_the_twin_is_left_out_and_named_with_its_reason():
+    runs = [quantity(0.51), quantity(0.9, doubtful="its heap leans on the wall")]
+    row = compared([quantity(0.5)], runs, rig="pile")[0]
+    assert (row.simulated, row.simulated_n) == (0.51, 1)
+    assert "1 doubtful heap of the twin left out (its heap leans on the wall), 1 counted" in row.note
+
+
 def test_the_row_is_doubtful_when_every_repetition_is_doubtful():
     row = compared([quantity(0.5, doubtful="blurred"), quantity(0.6, doubtful="rolled")], [quantity(0.51)])[0]
     assert (row.measured_n, row.doubtful, row.verdict) == (2, "blurred; rolled", "doubtful")

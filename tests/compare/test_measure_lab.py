@@ -114,6 +114,33 @@ def test_all_repetitions_are_measured_once_and_again_only_what_has_changed(lab, 
     assert measured == ["bed.csv"]
 
 
+def test_a_line_says_how_many_repetitions_are_measured_and_how_many_are_kept(lab, tmp_path, capsys):
+    def said(*options):
+        assert run(["measure", str(lab), "--out", str(tmp_path / "out"), *options]) == 0
+        return capsys.readouterr().out
+
+    assert "3 repetitions measured.\n" in said("--only", "drop")
+    assert "1 repetition measured, 3 kept from before; --again measures all.\n" in said()
+    assert "0 repetitions measured, 4 kept from before" in said()
+
+
+def test_measuring_one_experiment_leaves_the_others_in_the_tables(lab, tmp_path, measured, capsys):
+    out = tmp_path / "out"
+    measure_lab(lab, out)
+    tables = [(out / name).read_bytes() for name in ("measurements.csv", "measurements.json")]
+    found = measure_lab(lab, out, only=["bed"])
+    assert {row["experiment"] for row in found.rows} == {"bed"}
+    assert not found.warnings
+    assert [(out / name).read_bytes() for name in ("measurements.csv", "measurements.json")] == tables
+
+    measured.clear()
+    (lab / "drops" / "r2.csv").write_text(falls(0.7))
+    assert run(["measure", str(lab), "--out", str(out), "--only", "bed"]) == 0
+    assert not measured
+    assert "drop: not in measurements.csv" in " ".join(capsys.readouterr().out.split())
+    assert "drop" not in (out / "measurements.csv").read_text()
+
+
 def test_a_setting_that_counts_in_measuring_makes_it_new_and_one_of_the_twin_does_not(lab, tmp_path, measured):
     out, path = tmp_path / "out", lab / "lab.toml"
     measure_lab(lab, out)
@@ -246,8 +273,8 @@ def _curves(plot):
     return re.findall(rb'<path d="([^"]+)"', plot)
 
 
-@pytest.mark.parametrize("damage", ["json", "npz", "packed", "pictures"])
-def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_path, measured, damage):
+@pytest.mark.parametrize("damage", ["json", "npz", "packed", "digits", "arrays", "pictures"])
+def test_what_is_damaged_changed_or_has_lost_its_pictures_is_measured_again(lab, tmp_path, measured, damage):
     out = tmp_path / "out"
     found = measure_lab(lab, out)
     measured.clear()
@@ -258,6 +285,15 @@ def test_what_is_damaged_or_has_lost_its_pictures_is_measured_again(lab, tmp_pat
         for path in (out / "measured").glob("*.npz"):
             stored = path.read_bytes()
             path.write_bytes(stored[:60] + bytes(40) + stored[100:])
+    elif damage == "digits":
+        for path in (out / "measured").glob("*.json"):
+            path.write_text(
+                re.sub(r'"value": 0\.(\d)', lambda found: f'"value": 0.{(int(found[1]) + 1) % 10}', path.read_text())
+            )
+    elif damage == "arrays":
+        files = sorted((out / "measured").glob("*.npz"))
+        for path, stored in zip(files, [path.read_bytes() for path in files[1:] + files[:1]], strict=True):
+            path.write_bytes(stored)
     else:
         for path in (out / "measured").glob(f"*.{damage}"):
             path.write_bytes(path.read_bytes()[:40])

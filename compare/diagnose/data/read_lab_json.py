@@ -31,6 +31,7 @@ from rigtwin.lab.materials import no_bead_has
 from rigtwin.lab.media_files import kind_of
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
+from rigtwin.lab.spelling import near
 from rigtwin.lab.tracked.read import read_tracks
 from rigtwin.lab.units import LARGEST_BEAD
 
@@ -231,7 +232,7 @@ def _misnamed(walls: Mapping[str, Any], used: Collection[str]) -> Iterator[str]:
     """A warning for each wall table that no condition uses and whose name resembles a wall without a table."""
     bare = sorted(set(used) - set(walls))
     for name in sorted(set(walls) - set(used)):
-        for meant in get_close_matches(name, bare, n=1):
+        if meant := near(name, bare):
             yield f"walls: {name}: is not read, because no condition has this wall; was {meant} meant?"
 
 

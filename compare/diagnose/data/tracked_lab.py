@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from rigtwin.compare.twins.registry import ENTRIES
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.records import Track
+from rigtwin.lab.spelling import near
 from rigtwin.lab.units import LONGEST
 from rigtwin.sim.effects.effect import Effect, Parameter
 
@@ -106,8 +106,8 @@ class TrackedLab:
         for condition in self.conditions:
             value, place = condition.settings.get(name, default), f"{self.folder / 'lab.json'}: condition"
             if not is_number(value):
-                meant = [] if name in condition.settings else get_close_matches(name, condition.settings, n=1)
-                hint = f"; was {meant[0]} meant?" if meant else "."
+                meant = "" if name in condition.settings else near(name, condition.settings)
+                hint = f"; was {meant} meant?" if meant else "."
                 raise BadLabFile(f"{place} {condition.name}: {name}: is missing or not a number{hint}")
             if name.endswith("_m") and value > LONGEST and value > BEYOND * _furthest(condition):
                 raise BadLabFile(f"{place} {condition.name}: {name}: {value:g} is in metres; was it meant in mm?")

@@ -428,7 +428,7 @@ def test_a_parameter_that_nothing_has_is_refused_before_anything_is_measured(tmp
     out = tmp_path / "out"
     assert run(["calibrate", str(tmp_path), "--fit", "sliding_friction", "--out", str(out)]) == 2
     said = capsys.readouterr().err
-    assert "no experiment that is fitted depends on 'sliding_friction'; did you mean" in said
+    assert "no experiment that is fitted depends on 'sliding_friction'; known are" in said
     assert ("static_friction@D6-PMMA" in said) != ("static_friction@PMMA-D6" in said), "each contact once"
     assert not out.exists()
 

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+from rigtwin.commands.display import show_comparison
 from rigtwin.compare.compare_lab import provenance
 from rigtwin.compare.report.methods import methods
 from rigtwin.compare.report.page import drawn_figures, report
@@ -23,3 +24,13 @@ def test_an_interval_that_goes_on_beyond_its_drawing_ends_in_an_arrow(comparison
     near = replace(row, percent_deviation=4.0, percent_deviation_std=0.1, coverage_factor=1.96)
     assert 'class="beyond' not in drawn(whole, tmp_path, near)
     assert 'class="beyond' in drawn(whole, tmp_path, replace(near, percent_deviation_std=40.0))
+
+
+def test_z_stands_beside_the_limit_that_it_is_held_against(comparison, tmp_path, capsys):
+    whole = comparison()
+    row = replace(whole.outcomes[0].deviations[0], z=7.6, coverage_factor=12.706)
+    assert "+7.6 (±12.7)" in drawn(whole, tmp_path, row)
+    assert "+7.6 (±2.0)" in drawn(whole, tmp_path, replace(row, coverage_factor=1.96))
+    first, *_ = whole.outcomes
+    show_comparison(replace(whole, outcomes=(replace(first, deviations=(row,)),)))
+    assert "+7.6 (±12.7)" in capsys.readouterr().out

@@ -136,7 +136,7 @@ def test_what_was_changed_elsewhere_is_not_overwritten(edit):
         (1, "plate", "1,2,30,4", None, r"camera\.plate: is not used by a pile"),
         (0, "scale", "0.2 mm/px", None, r"camera\.known_length: a scale is given too"),
         (0, "rejected", " ", "r01.mp4", r"files\.\"r01\.mp4\"\.rejected: ' ' is no reason"),
-        (0, "rejected", "dark", "r07.mp4", r"is none of the repetitions; did you mean 'r02\.mp4'"),
+        (0, "rejected", "dark", "r07.mp4", r"is none of the repetitions; known are r01\.mp4"),
         (4, "region", "0,0,9,9", None, "has no experiment 5 any more"),
     ],
 )

@@ -9,9 +9,9 @@ import trimesh
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, BadLabFile
 from rigtwin.lab.file.lab_file import new_lab, read_lab
-from rigtwin.lab.file.schema import suggestion
 from rigtwin.lab.reference import hlosta2020
 from rigtwin.lab.rigs import RIGS, DropSettings, HopperSettings, PendulumSettings, PileSettings
+from rigtwin.lab.spelling import suggestion
 
 LAB = """\
 [lab]
@@ -648,6 +648,43 @@ def test_all_that_is_wrong_is_reported_at_once_and_nothing_that_follows_from_it(
     assert len(refused.value.faults) == len(said)
     for fault, words in zip(refused.value.faults, said, strict=True):
         assert re.search(rf"^line \d+: .*{words}", fault)
+
+
+def faults_of(folder, text):
+    (folder / "lab.toml").write_text(text)
+    with pytest.raises(BadLabFile) as refused:
+        read_lab(folder)
+    return list(refused.value.faults)
+
+
+def test_an_unknown_rig_hides_no_other_fault(folder):
+    wrong = LAB.replace('mass = "0.0710 g"', 'mass = "71 g"').replace('rig = "drop"\n', 'rig = "shear cell"\n')
+    wrong = wrong.replace('id = "pendulum-1"', 'id = "drop-1"').replace("count = 1000\n", "coont = 1000\ncomment = 1\n")
+    wrong = wrong.replace('rig = "pile"', 'rig = "piles"').replace('variant = "piling"\n', "")
+    wrong = wrong.replace('particle = "oak-bead"\n', "")
+    said = [
+        "particles.oak-bead.mass: .*kg/m\\^3", "experiment 1, rig: there is no rig 'shear cell'; known are",
+        "experiment 2, id: 'drop-1' is already the id of experiment 1", "experiment 3, rig: .* did you mean 'pile'",
+        "experiment 3, coont: unknown key; did you mean 'count'", "experiment 3, comment: unknown key; known are",
+        "experiment 1, particle: this key is missing", "experiment 3, variant: this key is missing",
+    ]  # fmt: skip
+    wrong = wrong.replace('particle = "D12"', 'particle = "oak-bead"')  # another experiment uses it
+    found = faults_of(folder, wrong)
+    assert len(found) == len(said), found
+    for fault, words in zip(found, said, strict=True):
+        assert re.search(words, fault), fault
+
+
+def test_the_mass_of_a_particle_is_checked_where_the_rig_of_its_experiment_is_unknown(folder):
+    found = faults_of(folder, LAB.replace('"0.0710 g"', '"71 g"').replace('rig = "drop"', 'rig = "shear cell"'))
+    assert ["mass" in found[0], "no rig" in found[1], len(found)] == [True, True, 2]
+
+
+def test_keys_that_do_not_go_together_are_named_beside_an_unknown_key(folder):
+    found = faults_of(
+        folder, LAB.replace('variant = "piling"', 'variant = "piling"\ncomment = 1\ntube_diameter = "3 cm"')
+    )
+    assert ["comment: unknown key" in found[0], "tube_diameter: is of variant" in found[1]] == [True, True]
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,12 @@ def test_what_is_no_value_with_an_uncertainty_is_refused(name, given, why):
         (DROP, "restitution_wall", "1.2 +- 0.1", "above 0 and at most 1"),
         (DROP, "restitution_wall", {"value": "0.4 +- 0.1", "bounce": 0}, "whole number of at least 1"),
         (HEAP, "angle_of_repose_graphical", {"value": "30 +- 1 deg", "side": "top"}, "side = 'top' is not known"),
-        (TiltSettings("roll"), "static_friction", "0.4 +- 0.1", "no result of a tilt (roll); did you mean"),
+        (
+            TiltSettings("roll"),
+            "static_friction",
+            "0.4 +- 0.1",
+            "no result of a tilt (roll); known are rolling_friction",
+        ),
         (PendulumSettings(0.2), "restitution_wall", "0.4 +- 0.1", "no result of a pendulum (double)"),
     ],
 )

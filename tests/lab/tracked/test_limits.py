@@ -62,3 +62,17 @@ def test_a_number_whose_powers_are_infinite_is_refused(tmp_path) -> None:
         BadInput, match=r"y_m holds '1e200' in data row 2, which is not a number between -1e\+30 and 1e\+30"
     ):
         read_bodies(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("content", "kind", "name"),
+    [
+        (b"\0\0\0\x20ftypisom\0\0", r"a film \(MP4\)", r"rename it to track\.mp4\.$"),
+        (b"\xff\xd8\xff\xe0\0\0", r"a picture \(JPEG\)", r"rename it to track\.jpg\.$"),
+        (b"\0\1\2\3", "not a text file", "give a table of tracked data as CSV or text"),
+    ],
+)
+def test_a_film_or_picture_with_the_ending_of_a_table_is_named(tmp_path, content, kind, name) -> None:
+    (tmp_path / "track.txt").write_bytes(content)
+    with pytest.raises(BadInput, match=rf"by its ending \.txt, and is {kind}.*{name}"):
+        read_table(tmp_path / "track.txt")

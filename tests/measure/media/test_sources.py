@@ -305,7 +305,7 @@ def test_a_video_without_its_end_is_reported_as_broken_off(tmp_path):
         container.mux(stream.encode())
     content = whole.read_bytes()
     part.write_bytes(content[: content.index(b"moov") - 8])
-    with pytest.raises(UnreadableMedia, match="broken off"):
+    with pytest.raises(UnreadableMedia, match=r"^[^;]*\(its end [^;]* was broken off\); copy it again\.$"):
         open_video(part, Camera(frame_rate=30.0))
     part.write_bytes(b"no video at all, but some text")
     with pytest.raises(UnreadableMedia, match="video player"):

@@ -12,6 +12,7 @@ import scipy.interpolate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rigtwin.commands.display import show_measurement
 from rigtwin.lab.camera import Camera, Seed
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.records import Series, Track
@@ -538,8 +539,18 @@ def test_lost_frames_with_a_slow_plate_are_found_from_the_run(tmp_path):
     assert found.value == pytest.approx(14.0, abs=0.15)
 
 
-def test_the_scale_follows_from_the_outline_of_the_bead(rolling):
+def test_the_scale_follows_from_the_outline_of_the_bead_with_its_uncertainty(rolling):
     assert rolling.camera["scale_m_per_px"] == pytest.approx(SCALE, rel=0.1)
+    assert abs(rolling.camera["scale_m_per_px"] / SCALE - 1) < 2 * rolling.camera["scale_std_rel"] < 0.3
+
+
+def test_the_scale_by_gravity_has_the_uncertainty_of_the_run(sliding, capsys):
+    by_gravity = tilt_measurement.measure(sliding.source, Camera(frame_rate=50.0), variant="slide")
+    assert by_gravity.camera["scale_from"] == "gravity"
+    share = by_gravity.camera["scale_std_rel"]
+    assert abs(by_gravity.camera["scale_m_per_px"] / SCALE - 1) < 3 * share < 0.3
+    show_measurement(by_gravity, False, False)
+    assert f"mm/px ± {100 * share:.2g} %, from gravity" in capsys.readouterr().out
 
 
 def test_a_clip_in_which_nothing_slides_is_refused(tmp_path):

@@ -1,0 +1,117 @@
+"""Names that are nearly right: which known name was meant."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+
+LETTERS_PER_EDIT = 4  # letters of a name for each of its typing errors; a shorter name may have one
+SHORTEST = 3  # letters of a name in which one error is no other name
+STEM = 0.7  # share of the longer of two words that is their common beginning: simulate, simulation
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """Return the known name that was meant, where one is clearly the nearest.
+
+    Parameters
+    ----------
+    name : str
+        The name that is not known.
+    known : iterable of str
+        Names that are known.
+
+    Returns
+    -------
+    str
+        Empty where none is near, or several are alike.
+
+    Notes
+    -----
+    Case and separators do not count.  A name is near if it is the same but for typing errors (a letter left out, added
+    or changed, two swapped; figures are never typing errors), else if the words of one are among those of the other, or
+    both begin alike.
+
+    Examples
+    --------
+    >>> near("Frame-rate", ["frame_rate", "scale"]), near("heigth", ["height", "length"]), near("r07", ["r02"])
+    ('frame_rate', 'height', '')
+    >>> near("height", ["drop_height", "bounces"]), near("report", ["export", "import"])
+    ('drop_height', '')
+    """
+    names = list(dict.fromkeys(known))
+    given = _words(name)
+    if not given:
+        return ""
+    letters = "".join(given)
+    edits = {one: _edits(letters, "".join(_words(one))) for one in names}
+    fewest = min(edits.values(), default=0)
+    most = max(1, len(letters) // LETTERS_PER_EDIT) if len(letters) >= SHORTEST else 0
+    if fewest <= most and (misspelt := [one for one in names if edits[one] == fewest and _same_figures(name, one)]):
+        return misspelt[0] if len(misspelt) == 1 else ""
+    ways: Sequence[Callable[[Sequence[str], Sequence[str]], bool]] = (_among, _alike_at_first)
+    found = ([one for one in names if way(given, _words(one))] for way in ways)
+    return next((ones[0] if len(ones) == 1 else "" for ones in found if ones), "")
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return the known names as advice, the one that was meant first.
+
+    Parameters
+    ----------
+    name : str
+        The name that is not known.
+    known : iterable of str
+        Names that are known.
+
+    Returns
+    -------
+    str
+        A clause.
+
+    Examples
+    --------
+    >>> suggestion("framerate", ["frame_rate", "scale"])
+    "did you mean 'frame_rate'? (known: frame_rate, scale)"
+    >>> suggestion("temperature", ["frame_rate", "scale"])
+    'known are frame_rate, scale'
+    """
+    names = list(dict.fromkeys(known))
+    listed = ", ".join(names) or "none"
+    meant = near(name, names)
+    return f"did you mean {meant!r}? (known: {listed})" if meant else f"known are {listed}"
+
+
+def _words(name: str) -> list[str]:
+    return re.findall(r"[^\W_]+", name.lower())
+
+
+def _same_figures(one: str, other: str) -> bool:
+    return sorted(re.findall(r"\d", one)) == sorted(re.findall(r"\d", other))
+
+
+def _among(given: Sequence[str], known: Sequence[str]) -> bool:
+    """Whether the words of one name are among those of the other."""
+    return bool(known) and (set(given) <= set(known) or set(known) <= set(given))
+
+
+def _alike_at_first(given: Sequence[str], known: Sequence[str]) -> bool:
+    """Whether one name is the beginning of the other, or they share most of it."""
+    one, other = "".join(given), "".join(known)
+    same = next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+    shorter, longer = sorted((len(one), len(other)))
+    return same >= SHORTEST and (same == shorter or same >= STEM * longer)
+
+
+def _edits(one: str, other: str) -> int:
+    """Letters left out, added, changed, or swapped with the next (optimal string alignment distance)."""
+    before: list[int] = []
+    row = list(range(len(other) + 1))
+    for i, a in enumerate(one, start=1):
+        last, row, earlier = row, [i], before
+        for j, b in enumerate(other, start=1):
+            least = min(last[j] + 1, row[j - 1] + 1, last[j - 1] + (a != b))
+            if i > 1 and j > 1 and (a, b) == (other[j - 2], one[i - 2]):
+                least = min(least, earlier[j - 2] + 1)
+            row.append(least)
+        before = last
+    return row[-1]
