@@ -14,8 +14,9 @@ FLOWING = (0.03, 0.7)  # part of the drum; less does not flow over itself, more 
 THROWN, CENTRIFUGED = 0.5, 1.0
 
 # speed^2 R / g of beds that roll, with a level surface: below, they slump in avalanches; above, they cascade with an
-# arched surface (J. Mellmann, Powder Technology 118 (2001) 251, table 1)
-ROLLING = (1e-4, 1e-2)
+# arched surface (1e-4 and 1e-2, J. Mellmann, Powder Technology 118 (2001) 251, table 1); the borders depend on fill and
+# friction, so a factor of 3 is left on both sides (assumed)
+ROLLING = (3e-5, 3e-2)
 
 
 def speed_doubt(speed: float, radius: float, *, level: bool, avalanches: bool) -> str:
@@ -45,7 +46,7 @@ def speed_doubt(speed: float, radius: float, *, level: bool, avalanches: bool) -
     Examples
     --------
     >>> speed_doubt(0.03, 0.07, level=True, avalanches=False)
-    'below a Froude number of 0.0001 beds slump in avalanches, and none were seen (speed^2 R / g is 6.4e-06)'
+    'below a Froude number of 3e-05 beds slump in avalanches, and none were seen (speed^2 R / g is 6.4e-06)'
     """
     froude = speed**2 * radius / GRAVITY
     low, high = ROLLING
