@@ -191,7 +191,9 @@ def calibrate_lab(
         raise BadInput(f"{lab.path}: {'; '.join(_without_result(measured[one.id]) for one in fitted)}.")
     left_out = [*remarks]
     left_out += [
-        f"{one.id} was not fitted: {_without_result(measured[one.id])}" for one in fitted if not targets[one.id]
+        f"{one.id} was not {'fitted' if one in fitted else 'predicted'}: {_without_result(measured[one.id])}"
+        for one in bulk
+        if not targets[one.id]
     ]
     left_out += [
         f"{name}: {failure.source.name} was left out: {failure.message}"
