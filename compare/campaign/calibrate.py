@@ -364,7 +364,7 @@ def _measured_value(
         if other or experiment.id in hold_out:
             continue
         for row in deviations(experiment.id, experiment.rig_name, measured[experiment.id], ()):
-            known = math.isfinite(row.measured) and 0 < row.measured_std_uncertainty < math.inf
+            known = 0 < row.measured_std_uncertainty < math.inf
             if parameter == MEASURED_BY.get((experiment.rig_name, row.quantity)) and known and not row.doubtful:
                 return row.measured, row.measured_std_uncertainty, experiment.id
     return None
@@ -424,8 +424,7 @@ def _targets(experiment: Experiment, measured: Sequence[Quantity], reading: Mapp
     rows: dict[str, Deviation] = {}
     for row in deviations(experiment.id, experiment.rig_name, measured, ()):
         usable = is_result(row.quantity, row.side)
-        known = math.isfinite(row.measured) and math.isfinite(row.measured_std_uncertainty)
-        if usable and known and not row.doubtful:
+        if usable and math.isfinite(row.measured_std_uncertainty) and not row.doubtful:
             rows.setdefault(row.quantity, row)
     return [
         Target(

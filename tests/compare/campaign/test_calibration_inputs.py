@@ -150,28 +150,33 @@ def test_a_single_wall_pendulum_measures_the_restitution_on_its_wall_and_frictio
     }
 
 
+STEEL = "static_friction@D6-steel"
+
+
+@pytest.mark.parametrize("said", ["0.62..0.9", "0.1..0.48"])
+def test_a_stated_range_replaces_the_usual_one_of_a_measured_coefficient(calibrated, said):
+    """It may end four standard uncertainties of 0.02 from 0.55."""
+    (one,) = calibrated(bed() + plate("0.55 +- 0.06 (n = 9)"), f" {STEEL} ={said}", budget=13).parameters
+    low, _, high = said.partition("..")
+    assert (one.name, one.low, one.high, one.mean) == (STEEL, float(low), float(high), 0.55)
+    assert one.source == "stated range, measured by plate"
+
+
+CONTRADICTS = "contradicts 0.55 +- 0.02, measured by plate; leave the range out or correct it."
+LEVELS = "is not a range without levels, like static_friction=0.1..0.9."
+
+
 @pytest.mark.parametrize(
     ("said", "why"),
     [
-        ("0.64..0.9", "static_friction@D6-steel=0.64..0.9 contradicts 0.55 +- 0.02, measured by plate"),
-        ("0.62..0.9", ""),
-        ("0.1..0.46", "contradicts"),
-        ("0.1..0.48", ""),
-        ("0.1,0.9", "is not a range without levels"),
-        ("0.1..0.9:7", "is not a range without levels"),
+        ("0.64..0.9", f"--fit: {STEEL}=0.64..0.9 {CONTRADICTS}"),
+        ("0.1..0.46", f"--fit: {STEEL}=0.1..0.46 {CONTRADICTS}"),
+        ("0.1,0.9", f"--fit: '{STEEL}=0.1,0.9' {LEVELS}"),
+        ("0.1..0.9:7", f"--fit: '{STEEL}=0.1..0.9:7' {LEVELS}"),
     ],
 )
-def test_a_stated_range_holds_unless_it_contradicts_what_was_measured(calibrated, said, why):
-    # four standard uncertainties of 0.02 beyond its ends
-    name = "static_friction@D6-steel"
-    asked = (bed() + plate("0.55 +- 0.06 (n = 9)"), f" {name} ={said}")
-    if why:
-        assert why.removeprefix(name) in refused(calibrated, *asked, budget=13)
-        return
-    (one,) = calibrated(*asked, budget=13).parameters
-    low, _, high = said.partition("..")
-    assert (one.name, one.low, one.high, one.mean) == (name, float(low), float(high), 0.55)
-    assert one.source == "stated range, measured by plate"
+def test_a_stated_range_that_contradicts_a_measurement_or_has_levels_is_refused(calibrated, said, why):
+    assert refused(calibrated, bed() + plate("0.55 +- 0.06 (n = 9)"), f"{STEEL}={said}") == why
 
 
 def test_what_was_not_measured_on_that_contact_has_a_usual_range_or_needs_one(calibrated):
@@ -299,13 +304,33 @@ def test_no_further_experiment_is_named_where_all_rigs_are_fitted(calibrated):
     ("fit", "why"),
     [
         (["count=300..500"], "--fit: count is a whole number, which cannot be fitted; `rigtwin sweep` varies it."),
-        (["lift_speed"], "no experiment that is fitted depends on 'lift_speed'; "),
+        (["lift_speed"], "--fit: no experiment that is fitted depends on 'lift_speed'; "),
         (["static_friction@D6-glass"], "did you mean 'static_friction@D6-D6'"),
-        (["static_friction", "static_friction@D6-D6"], "are the same parameter"),
+        (["static_friction", "static_friction@D6-D6"], "--fit: static_friction@D6-D6 and static_friction are the same"),
     ],
 )
 def test_a_parameter_that_cannot_be_fitted_is_refused(calibrated, fit, why):
     assert why in refused(calibrated, bed(), *fit)
+
+
+def test_each_contact_is_named_once_where_a_parameter_is_unknown(calibrated):
+    said = refused(calibrated, bed(), "static_friction@D6-glass")
+    assert (said.count("static_friction@D6-steel"), said.count("static_friction@steel-D6")) == (1, 0)
+    assert said.endswith(", and parameters of effects.")
+
+
+def test_number_of_particles_rolling_law_and_seed_reach_every_twin(calibrated, monkeypatch):
+    asked = []
+
+    def recorded(**settings):
+        asked.append(settings)
+        return twin(**settings)
+
+    monkeypatch.setattr("rigtwin.compare.campaign.twin_runs.simulate", recorded)
+    given = {"count": 300, "rolling": "type C", "seed": 7}
+    calibrated(bed().replace("count = 400", ""), "static_friction", budget=13, **given)
+    assert {(one["count"], one["rolling"]) for one in asked} == {(300, "type C")}
+    assert [one["seed"] for one in asked] == [*range(7, 17), *range(100_007, 100_010)]
 
 
 def test_one_name_for_several_contacts_is_refused_unless_it_is_no_contact(calibrated):
@@ -349,6 +374,25 @@ def of_bed(quick, tmp_path):
         return subject.calibrate_lab(both, found, tmp_path / "out", **given)
 
     return of_bed
+
+
+def test_a_coefficient_that_is_doubtful_or_of_unknown_uncertainty_is_no_prior(quick, tmp_path):
+    quantities = {
+        "unknown": (0.51, math.inf, ""),
+        "exact": (0.52, 0.0, ""),
+        "leaning": (0.53, 0.02, "it leans"),
+        "sound": (0.54, 0.02, ""),
+    }
+    text = bed() + "".join(plate("1 +- 1", name) for name in quantities)
+    (tmp_path / "lab.toml").write_text(text, encoding="utf-8")
+    lab = read_lab(tmp_path)
+    stated, *plates = lab.experiments
+    found = {"bed": Measured(stated, (), ())}
+    for one, (value, std, why) in zip(plates, quantities.values(), strict=True):
+        friction = Quantity("static_friction", value, std, "1", "onset of motion", doubtful=why)
+        found[one.id] = Measured(replace(one, measured=()), (Measurement("tilt", Path("a"), "", (friction,)),), ())
+    (prior,) = subject.calibrate_lab(lab, found, tmp_path / "out", fit=["wall_static_friction"], budget=13).parameters
+    assert (prior.mean, prior.std) == (0.54, 0.02)
 
 
 def height(value=0.06, std=1e-3, method="surface bead tops", name="bed_height", **more):
