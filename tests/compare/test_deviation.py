@@ -587,6 +587,10 @@ def test_the_verdicts_are_counted_in_singular_and_plural(verdict, one, two):
     assert summarized([row, row]) == f"2 quantities measured and simulated: {two}"
 
 
+def test_without_a_twin_only_the_number_of_quantities_is_said():
+    assert summarized(compared([quantity(0.5)], [])) == "1 quantity measured and simulated"
+
+
 def test_several_verdicts_are_listed_the_differences_first_and_no_twin_not_at_all():
     row = compared([quantity(0.5)] * 2, [quantity(0.5)])[0]
     verdicts = ("doubtful", "agrees", "no twin value", "twin probably too low", "agrees", "twin too low")
@@ -788,6 +792,7 @@ def test_views_that_were_not_measured_or_have_no_name_are_not_averaged():
 
     ones = [slope(math.nan, view="front"), slope(30.0, view="back")]
     assert over_views(ones) == ones
+    assert [one.value for one in over_views([*ones, slope(31.0, view="left")])] == [30.5]
     twice = [slope(30.0), slope(32.0)]
     assert over_views(twice) == twice
     assert over_views([*ones, slope(31.0, view="all")]) == [slope(31.0, view="all")]
