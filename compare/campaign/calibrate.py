@@ -191,7 +191,9 @@ def calibrate_lab(
         raise BadInput(f"{lab.path}: {'; '.join(_without_result(measured[one.id]) for one in fitted)}.")
     left_out = [*remarks]
     left_out += [
-        f"{one.id} was not fitted: {_without_result(measured[one.id])}" for one in fitted if not targets[one.id]
+        f"{one.id} was not {'fitted' if one in fitted else 'predicted'}: {_without_result(measured[one.id])}"
+        for one in bulk
+        if not targets[one.id]
     ]
     left_out += [
         f"{name}: {failure.source.name} was left out: {failure.message}"
@@ -362,7 +364,7 @@ def _measured_value(
         if other or experiment.id in hold_out:
             continue
         for row in deviations(experiment.id, experiment.rig_name, measured[experiment.id], ()):
-            known = math.isfinite(row.measured) and 0 < row.measured_std_uncertainty < math.inf
+            known = 0 < row.measured_std_uncertainty < math.inf
             if parameter == MEASURED_BY.get((experiment.rig_name, row.quantity)) and known and not row.doubtful:
                 return row.measured, row.measured_std_uncertainty, experiment.id
     return None
@@ -422,8 +424,7 @@ def _targets(experiment: Experiment, measured: Sequence[Quantity], reading: Mapp
     rows: dict[str, Deviation] = {}
     for row in deviations(experiment.id, experiment.rig_name, measured, ()):
         usable = is_result(row.quantity, row.side)
-        known = math.isfinite(row.measured) and math.isfinite(row.measured_std_uncertainty)
-        if usable and known and not row.doubtful:
+        if usable and math.isfinite(row.measured_std_uncertainty) and not row.doubtful:
             rows.setdefault(row.quantity, row)
     return [
         Target(

@@ -4,6 +4,7 @@ import csv
 import io
 import math
 import re
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -77,8 +78,14 @@ def test_repetitions_that_agree_by_chance_keep_an_uncertainty():
     assert combine([repetition] * 4).std_uncertainty == pytest.approx(0.005)
 
 
-@pytest.mark.parametrize("part", ["flow over time", "scatter of avalanches", "scatter of the flow"])
-def test_the_scatter_of_a_flow_over_time_averages_out_over_runs(part):
+@pytest.mark.parametrize(
+    "part",
+    [
+        "tracking", "repetition", "grain roughness", "grain at apex and foot", "scatter of views and sides",
+        "flow over time", "scatter of avalanches", "scatter of the flow",
+    ],
+)  # fmt: skip
+def test_what_differs_from_repetition_to_repetition_averages_out(part):
     one = quantity(31.0, 0.5, "angle_of_repose_graphical", "deg", budget={part: 0.5})
     assert combine([one] * 4).std_uncertainty == pytest.approx(0.25)
 
@@ -195,7 +202,8 @@ def test_the_mean_over_views_leaves_doubtful_views_out_and_keeps_what_they_share
         return quantity(value, 0.5, "slope", "deg", "line", detail=detail, budget=budget, doubtful=doubtful)
 
     (one,) = over_views([slope(24.0, "front"), slope(26.0, "back"), slope(60.0, "top", "cut off")])
-    assert (one.value, one.doubtful) == (25.0, "")
+    assert (one.value, one.doubtful, one.detail) == (25.0, "", {"side": "left", "view": "all"})
+    assert one.budget == {"scatter of views and sides": pytest.approx(1.0), "camera distance": pytest.approx(0.4)}
     # the standard error of 24 and 26 is 1; the camera is the same
     assert one.std_uncertainty == pytest.approx(math.hypot(1.0, 0.4))
 
@@ -568,6 +576,230 @@ def test_a_result_is_the_first_number_of_its_rig_and_of_a_heap_the_mean():
     assert not is_result("drop_height", None)
 
 
-def test_doubtful_rows_are_counted():
-    rows = compared([quantity(0.5, doubtful="blurred")], [quantity(0.5)])
-    assert summarized(rows) == "1 quantity measured and simulated: 1 is doubtful"
+@pytest.mark.parametrize(
+    ("verdict", "one", "two"),
+    [
+        ("twin too low", "1 differs", "2 differ"),
+        ("twin probably too high", "1 probably differs", "2 probably differ"),
+        ("agrees", "1 agrees within its uncertainty", "2 agree within their uncertainty"),
+        ("too few repetitions to tell", "1 has too few repetitions to tell", "2 have too few repetitions to tell"),
+        ("too uncertain to tell", "1 is too uncertain to tell", "2 are too uncertain to tell"),
+        ("doubtful", "1 is doubtful", "2 are doubtful"),
+        ("differs from the setting", "1 differs from the setting", "2 differ from the setting"),
+    ],
+)
+def test_the_verdicts_are_counted_in_singular_and_plural(verdict, one, two):
+    row = replace(compared([quantity(0.5)] * 2, [quantity(0.5)])[0], verdict=verdict)
+    assert summarized([row]) == f"1 quantity measured and simulated: {one}"
+    assert summarized([row, row]) == f"2 quantities measured and simulated: {two}"
+
+
+def test_without_a_twin_only_the_number_of_quantities_is_said():
+    assert summarized(compared([quantity(0.5)], [])) == "1 quantity measured and simulated"
+
+
+def test_several_verdicts_are_listed_the_differences_first_and_no_twin_not_at_all():
+    row = compared([quantity(0.5)] * 2, [quantity(0.5)])[0]
+    verdicts = ("doubtful", "agrees", "no twin value", "twin probably too low", "agrees", "twin too low")
+    assert summarized([replace(row, verdict=verdict) for verdict in verdicts]) == (
+        "6 quantities measured and simulated: 1 differs, 1 probably differs, 2 agree within their uncertainty, "
+        "1 is doubtful"
+    )
+
+
+@pytest.mark.parametrize(
+    ("off", "verdict", "setting"),
+    # standard uncertainties; 95 % span 1.96 of them and 97.5 % span 2.24, and up to two agree in any case
+    [
+        (1.98, "agrees", "set equal"),
+        (2.02, "twin probably too high", "differs from the setting"),
+        (2.22, "twin probably too high", "differs from the setting"),
+        (2.27, "twin too high", "differs from the setting"),
+        (-2.22, "twin probably too low", "differs from the setting"),
+        (-2.27, "twin too low", "differs from the setting"),
+    ],
+)
+def test_a_difference_is_probable_above_two_standard_uncertainties_and_sure_above_97_5_percent(off, verdict, setting):
+    measured, simulated = [quantity(1.0, 0.01)] * 2, [quantity(1 + 0.01 * off, 1e-9)]
+    (row,) = compared(measured, simulated)
+    assert (row.coverage_factor, row.verdict) == (pytest.approx(1.96, abs=1e-3), verdict)
+    (row,) = compared(measured, simulated, set_from={"restitution_wall": "stated"})
+    assert row.verdict == setting
+
+
+@pytest.mark.parametrize(
+    ("freedom", "ratio"),
+    # of three repetitions: the probability is exp(-ratio) where the scatter is known, (1 + ratio / 2)**-2 with four
+    # degrees of freedom
+    [(math.inf, math.log(100)), (4.0, 18.0)],
+)
+def test_three_repetitions_contradict_a_known_scatter_at_one_percent(freedom, ratio):
+    def note(factor):
+        off = 0.02 * math.sqrt(factor * ratio)
+        ones = [quantity(value, 1e-6, budget={"tracking": 1e-6}) for value in (1 - off, 1.0, 1 + off)]
+        known = Scatter(0.02, freedom, "stated in lab.toml")
+        return compared(ones, [quantity(1.0, 1e-9)], scatter=lambda _: known)[0].note
+
+    assert "F test" not in note(0.98)
+    assert "the 3 measured repetitions scatter by" in note(1.02)
+
+
+def test_a_scatter_known_to_be_zero_is_contradicted_by_any():
+    known = Scatter(0.0, 5.0, "stated in lab.toml")
+    ones = [quantity(value, 1e-6, budget={"tracking": 1e-6}) for value in (0.9, 1.0, 1.1)]
+    assert combine(ones, known).own_scatter == pytest.approx(0.1)
+    assert combine(ones[:1] * 3, known).own_scatter is None
+
+
+def test_a_stated_mean_has_a_budget_and_degrees_of_freedom_of_the_scatter_that_was_used():
+    stated = quantity(0.5, 0.01, n=2, budget={"scale": 0.01}, stated=True)
+    assert (combine([stated]).budget, combine([stated]).stated) == ({"scale": 0.01}, True)
+    assert combine([stated]).freedom == pytest.approx(1)
+    exact = combine([stated], Scatter(0.1, math.inf, "published"))
+    assert exact.budget == {"repetition": pytest.approx(0.05 / math.sqrt(2))}
+    assert exact.freedom == math.inf
+    few = combine([stated], Scatter(0.1, 5.0, "published"))
+    scatter = math.sqrt((5 * 0.05**2 + 0.01**2 * 2) / 6)
+    assert (few.std_uncertainty, few.freedom) == (pytest.approx(scatter / math.sqrt(2)), pytest.approx(6))
+    assert few.scatter == pytest.approx(scatter / 0.5)
+    alone = combine([replace(stated, n=1)], Scatter(0.1, 5.0, "published"))
+    # the variance of the scatter is known from five degrees of freedom, that of the reading exactly
+    assert alone.freedom == pytest.approx(5 * (1 + (0.01 / 0.05) ** 2) ** 2)
+
+
+def test_a_doubtful_twin_makes_the_row_doubtful_and_each_reason_is_given_once():
+    measured = [quantity(0.5, doubtful="blurred"), quantity(0.5, doubtful="blurred")]
+    (row,) = compared(measured, [quantity(0.5, doubtful="it leaks")])
+    assert (row.verdict, row.doubtful) == ("doubtful", "blurred; twin: it leaks")
+    (row,) = compared([quantity(0.5)] * 2, [quantity(0.5, doubtful="it leaks")])
+    assert (row.verdict, row.doubtful) == ("doubtful", "twin: it leaks")
+
+
+def test_a_row_holds_both_sides_with_their_scatter():
+    detail = {"body": "B", "collision": 2, "bounce": 3, "frame": 7}
+    measured = [quantity(value, 1e-6, budget={"tracking": 1e-6}, detail=detail) for value in (0.4, 0.5, 0.6)]
+    simulated = [quantity(value, 1e-6, budget={"tracking": 1e-6}, detail=detail) for value in (0.5, 0.5, 0.7, 0.7)]
+    (row,) = compared(measured, simulated)
+    assert (row.experiment, row.rig, row.quantity, row.method, row.unit) == (
+        "it", "drop", "restitution_wall", "height", "1",
+    )  # fmt: skip
+    assert (row.body, row.collision, row.bounce, row.side) == ("B", 2, 3, None)
+    assert (row.measured, row.measured_std, row.measured_n) == (pytest.approx(0.5), pytest.approx(0.1), 3)
+    assert row.measured_std_uncertainty == pytest.approx(0.1 / math.sqrt(3))
+    assert (row.simulated, row.simulated_std, row.simulated_n) == (
+        pytest.approx(0.6), pytest.approx(0.2 / math.sqrt(3)), 4,
+    )  # fmt: skip
+    assert row.simulated_std_uncertainty == pytest.approx(0.1 / math.sqrt(3))
+    assert row.z == pytest.approx(0.1 / (0.1 * math.sqrt(2 / 3)))
+    assert row.coverage_factor == pytest.approx(student_t.ppf(0.975, 4 / (1 / 2 + 1 / 3)))
+    assert row.budget == {"repetition": pytest.approx(0.1 / math.sqrt(3))}
+    assert (row.scatter, row.scatter_from, row.doubtful, row.failed_check, row.note) == (None, "", "", "", "")
+
+
+def test_without_a_counterpart_nothing_is_said_of_the_twin_s_settings():
+    (row,) = compared([quantity(0.5)], [quantity(1.0, name="bed_height")], assumed=["a depth"], seen="a fill")
+    assert row.note == "the twin gives no such number"
+
+
+def test_the_notes_of_a_stated_value_and_of_left_out_repetitions_are_separated():
+    slope = partial(quantity, std=0.5, name="angle_of_repose_graphical", unit="deg", method="line")
+    (row,) = compared([slope(30.0, stated=True)], [slope(30.0)] * 2, "pile")
+    assert row.note == (
+        "the measured value is stated in lab.toml; one heap measured: the scatter of heaps is not in the uncertainty"
+    )
+    ones = [slope(30.0), slope(30.0), slope(50.0, doubtful="cut off"), slope(9.0, doubtful="cut off")]
+    (row,) = compared(ones, [slope(30.0)] * 2, "pile", set_from={"angle_of_repose_graphical": "stated"})
+    assert row.note == "the twin starts from the stated value; 2 doubtful repetitions left out"
+    (row,) = compared([quantity(0.5)], [quantity(0.5)])
+    assert row.note == "one repetition measured: the scatter of repetitions is not in the uncertainty"
+
+
+def test_the_notes_name_the_scatter_that_was_used_and_both_sides_that_contradict_it():
+    known = Scatter(0.02, math.inf, "stated in lab.toml")
+    ones = [quantity(value, 1e-6, budget={"tracking": 1e-6}) for value in (0.9, 1.0, 1.1)]
+    (row,) = compared(ones, ones, "pile", scatter=lambda _: known)
+    assert (row.scatter, row.scatter_from) == (pytest.approx(0.02), "stated in lab.toml")
+    used, measured, simulated = row.note.split("; the 3 ")
+    assert used == (
+        "3 measured repetitions and 3 simulated heaps: a scatter of 2 % is in the uncertainty (stated in lab.toml)"
+    )
+    too_large = "too much for a scatter of 2 % (stated in lab.toml; F test, p < 0.01)"
+    assert measured == f"measured repetitions scatter by 10 %, {too_large}"
+    assert simulated == f"simulated heaps scatter by 10 %, {too_large}"
+    (row,) = compared(ones, [], "pile", scatter=lambda _: known, without_twin="it has no wall")
+    assert row.note.startswith("no twin: it has no wall; the 3 measured repetitions scatter by 10 %")
+
+
+def test_every_result_is_a_quantity_of_a_rig_and_comes_first_with_its_methods():
+    several = {
+        "drop": {"restitution_wall": 2, "drop_height": 1, "rebound_height": 1},
+        "pendulum": {"restitution_pair": 2, "restitution_wall": 2, "release_angle": 1, "rebound_angle": 1},
+        "tilt": {"static_friction": 1, "rolling_friction": 1},
+        "packing": {"bed_height": 1, "bulk_density": 1},
+        "pile": {"angle_of_repose_graphical": 1, "angle_of_repose_geometric": 1},
+        "hopper": {"discharge_time": 1, "mass_flow_rate": 1},
+    }
+    inputs = ("drop_height", "rebound_height", "release_angle", "rebound_angle")
+    for rig, shown in several.items():
+        ones = [quantity(0.5, name=name, method=method) for name in (*shown, "other") for method in ("a", "b", "c")]
+        rows = compared(ones, ones, rig)
+        primary, rest = primary_first(rows)
+        expected = [(name, method) for name, number in shown.items() for method in ("a", "b", "c")[:number]]
+        assert [(row.quantity, row.method) for row in primary] == expected
+        assert len(primary) + len(rest) == len(rows)
+        results = [one for one in expected if one[0] not in inputs]
+        assert [(row.quantity, row.method) for row in headlines(rows)] == results
+
+
+def test_the_results_of_two_beads_and_of_two_experiments_are_shown_beside_each_other():
+    def angle(body):
+        return quantity(8.0, 0.1, "rebound_angle", "deg", "swing", detail={"body": body})
+
+    rows = compared([angle("A"), angle("B")], [])
+    again = tuple(replace(row, experiment="again") for row in rows)
+    assert primary_first([*rows, *again]) == ([*rows, *again], [])
+
+
+@pytest.mark.parametrize(
+    ("scale", "verdict"),
+    # with the scatter averaged out, two standard uncertainties of 12.4 % lie within 25 %, those of 12.6 % do not
+    [(0.124, "too few repetitions to tell"), (0.126, "too uncertain to tell")],
+)
+def test_more_repetitions_would_tell_where_the_shared_parts_allow_it(scale, verdict):
+    ones = [quantity(value, scale, budget={"scale": scale}) for value in (0.8, 1.2)]
+    (row,) = compared(ones, [quantity(1.0, 1e-6)])
+    assert (row.z, row.verdict) == (pytest.approx(0, abs=1e-9), verdict)
+
+
+def test_an_uncertainty_of_zero_gives_no_z_but_a_percentage():
+    (row,) = compared([quantity(0.5, 0.0)] * 2, [quantity(0.6, 0.0)])
+    assert (row.z, row.coverage_factor, row.verdict) == (None, None, "uncertainty unknown")
+    assert (row.percent_deviation, row.percent_deviation_std) == (pytest.approx(20), 0)
+    (row,) = compared([quantity(0.0, 0.0)] * 2, [quantity(0.6, 0.0)])
+    assert row.percent_deviation is None
+    (row,) = compared([quantity(0.5, 0.0)], [quantity(0.6, 0.0)], set_from={"restitution_wall": "stated"})
+    assert row.verdict == "set equal"
+
+
+def test_parts_that_are_not_in_the_budget_or_unknown_are_shared():
+    plain = combine([quantity(0.5, 0.02)] * 4)
+    assert (plain.budget, plain.freedom) == ({"measurement": pytest.approx(0.02)}, math.inf)
+    wide = combine([quantity(0.5, 0.05, budget={"tracking": 0.03})] * 4)
+    assert wide.budget == {"repetition": pytest.approx(0.015), "unexplained": pytest.approx(0.04)}
+    full = combine([quantity(0.5, 0.03, budget={"tracking": 0.03})] * 4)
+    assert full.budget == {"repetition": pytest.approx(0.015)}
+    unknown = combine([quantity(0.5, math.inf), quantity(0.5, 0.01)])
+    assert (unknown.budget, unknown.std_uncertainty) == ({"unknown": math.inf, "measurement": 0.005}, math.inf)
+    assert unknown.freedom == math.inf
+
+
+def test_views_that_were_not_measured_or_have_no_name_are_not_averaged():
+    def slope(value, **detail):
+        return quantity(value, 0.5, "angle_of_repose_graphical", "deg", "line", detail=detail)
+
+    ones = [slope(math.nan, view="front"), slope(30.0, view="back")]
+    assert over_views(ones) == ones
+    assert [one.value for one in over_views([*ones, slope(31.0, view="left")])] == [30.5]
+    twice = [slope(30.0), slope(32.0)]
+    assert over_views(twice) == twice
+    assert over_views([*ones, slope(31.0, view="all")]) == [slope(31.0, view="all")]
