@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 
-LETTERS_PER_EDIT = 4  # letters of a name for each of its typing errors; a shorter name may have one
+LETTERS_PER_EDIT, MOST_EDITS = 4, 2  # letters of a name for each of its typing errors; a shorter name may have one
 SHORTEST = 3  # letters of a name in which one error is no other name
 STEM = 0.7  # share of the longer of two words that is their common beginning: simulate, simulation
 
@@ -45,7 +45,7 @@ def near(name: str, known: Iterable[str]) -> str:
     letters = "".join(given)
     edits = {one: _edits(letters, "".join(_words(one))) for one in names}
     fewest = min(edits.values(), default=0)
-    most = max(1, len(letters) // LETTERS_PER_EDIT) if len(letters) >= SHORTEST else 0
+    most = min(max(1, len(letters) // LETTERS_PER_EDIT), MOST_EDITS) if len(letters) >= SHORTEST else 0
     if fewest <= most and (misspelt := [one for one in names if edits[one] == fewest and _same_figures(name, one)]):
         return misspelt[0] if len(misspelt) == 1 else ""
     ways: Sequence[Callable[[Sequence[str], Sequence[str]], bool]] = (_among, _alike_at_first)

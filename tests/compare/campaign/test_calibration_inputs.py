@@ -274,7 +274,7 @@ def test_another_calibration_in_the_same_folder_is_replaced_with_a_remark(calibr
     ]
     for other in ("{", "[1]", "{}", '{"priors": {"a": 1}}', '{"priors": {"a": {"low": "x", "high": 1}}}'):
         (tmp_path / "out" / "calibration.json").write_text(other)
-        assert replaced("static_friction=0.1..0.8") == [], "nothing of which a calibration could be told"
+        assert replaced("static_friction=0.1..0.8") == [], "nothing of which a calibration could be reported"
 
 
 def test_the_further_experiment_is_looked_for_where_the_budget_has_runs_for_it(calibrated):
@@ -305,7 +305,7 @@ def test_no_further_experiment_is_named_where_all_rigs_are_fitted(calibrated):
     [
         (["count=300..500"], "--fit: count is a whole number, which cannot be fitted; `rigtwin sweep` varies it."),
         (["lift_speed"], "--fit: no experiment that is fitted depends on 'lift_speed'; "),
-        (["static_friction@D6-glass"], "did you mean 'static_friction@D6-D6'"),
+        (["static_friction@D6-steal"], "did you mean 'static_friction@D6-steel'"),
         (["static_friction", "static_friction@D6-D6"], "--fit: static_friction@D6-D6 and static_friction are the same"),
     ],
 )
