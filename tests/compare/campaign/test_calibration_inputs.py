@@ -274,7 +274,7 @@ def test_another_calibration_in_the_same_folder_is_replaced_with_a_remark(calibr
     ]
     for other in ("{", "[1]", "{}", '{"priors": {"a": 1}}', '{"priors": {"a": {"low": "x", "high": 1}}}'):
         (tmp_path / "out" / "calibration.json").write_text(other)
-        assert replaced("static_friction=0.1..0.8") == [], "nothing of which a calibration could be reported"
+        assert replaced("static_friction=0.1..0.8") == [], "no calibration that can be read"
 
 
 def test_the_further_experiment_is_looked_for_where_the_budget_has_runs_for_it(calibrated):
