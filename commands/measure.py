@@ -50,7 +50,7 @@ class RigOrLab(TyperGroup):
         return super().resolve_command(ctx, args)
 
     def _refuse(self, ctx: Any, word: str) -> None:
-        """Refuse what is no rig and no lab, unless it is nearly the name of a rig."""
+        """Refuse what is no rig and no lab."""
         rigs = [name for name in self.list_commands(ctx) if name != "lab"]
         if Path(word).exists():
             ctx.fail(
@@ -59,8 +59,9 @@ class RigOrLab(TyperGroup):
             )
         if Path(word).name != word or Path(word).suffix:
             ctx.fail(f"{word}: no such file or folder")
-        if not near(word, rigs):
-            ctx.fail(f"{word}: is neither a rig nor a lab folder; rigs are {', '.join(rigs)}")
+        meant = near(word, rigs)
+        advice = f"did you mean {meant!r}? (rigs are {', '.join(rigs)})" if meant else f"rigs are {', '.join(rigs)}"
+        ctx.fail(f"{word}: is neither a rig nor a lab folder; {advice}")
 
 
 class OneClip(TyperCommand):

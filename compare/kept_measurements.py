@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from rigtwin.compare.result_files import plain
+from rigtwin.compare.result_files import plain, write_arrays
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import json_sha256, sha256
 from rigtwin.lab.errors import Mark
@@ -155,9 +155,7 @@ class KeptMeasurements:
             }
         else:
             result, arrays = _result(found, self._out)
-            with replacing(self._place(key, ".npz")) as part, part.open("wb") as file:
-                np.savez_compressed(file, **arrays)
-            result["arrays"] = sha256(self._place(key, ".npz"))
+            result["arrays"] = write_arrays(self._place(key, ".npz"), arrays)
         content = plain(result)
         with replacing(self._place(key, ".json")) as part:
             whole = {**content, "checksum": json_sha256(content)}

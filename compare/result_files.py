@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import errno
+import hashlib
 import io
 import json
 import math
@@ -336,6 +337,32 @@ def document(content: object) -> str:
         JSON text.
     """
     return json.dumps(plain(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> str:
+    """Write arrays into one file, which is on the disk when this returns.
+
+    Parameters
+    ----------
+    path : Path
+        ``.npz``; replaced when the new one is whole.
+    arrays : mapping of str to array
+        By name.
+
+    Returns
+    -------
+    str
+        SHA-256 of what was written, 64 hexadecimal digits.
+    """
+    import numpy as np
+
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    with replacing(path) as part, part.open("wb") as file:
+        file.write(content.getbuffer())
+        file.flush()
+        os.fsync(file.fileno())
+    return hashlib.sha256(content.getbuffer()).hexdigest()
 
 
 def plain(value: Any) -> Any:

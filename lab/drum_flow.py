@@ -13,50 +13,6 @@ FLOWING = (0.03, 0.7)  # part of the drum; less does not flow over itself, more 
 # fly across the drum from 30 degrees above it, and from 1 on they never leave the wall
 THROWN, CENTRIFUGED = 0.5, 1.0
 
-# speed^2 R / g of beds that roll, with a level surface: below, they slump in avalanches; above, they cascade with an
-# arched surface (1e-4 and 1e-2, J. Mellmann, Powder Technology 118 (2001) 251, table 1); the borders depend on fill and
-# friction, so a factor of 3 is left on both sides (assumed)
-ROLLING = (3e-5, 3e-2)
-
-
-def speed_doubt(speed: float, radius: float, *, level: bool, avalanches: bool) -> str:
-    """Return why a stated speed does not fit the surface of the bed.
-
-    Parameters
-    ----------
-    speed : float
-        Stated speed of the drum [rad/s].
-    radius : float
-        Its radius [m].
-    level : bool
-        Whether the surface is straight.
-    avalanches : bool
-        Whether avalanches were seen.
-
-    Returns
-    -------
-    str
-        A clause; empty if the speed fits.
-
-    References
-    ----------
-    J. Mellmann, The transverse motion of solids in rotating cylinders: forms of motion and transition behavior, Powder
-    Technology 118 (2001) 251-270, table 1.
-
-    Examples
-    --------
-    >>> speed_doubt(0.03, 0.07, level=True, avalanches=False)
-    'below a Froude number of 3e-05 beds slump in avalanches, and none were seen (speed^2 R / g is 6.4e-06)'
-    """
-    froude = speed**2 * radius / GRAVITY
-    low, high = ROLLING
-    why = ""
-    if froude < low and not avalanches:
-        why = f"below a Froude number of {low:g} beds slump in avalanches, and none were seen"
-    elif froude > high and level:
-        why = f"above a Froude number of {high:g} the surface of beds is arched, and a straight one was seen"
-    return why and f"{why} (speed^2 R / g is {froude:.2g})"
-
 
 def froude_check(speed: float, radius: float) -> Check:
     """Check that beads flow in a drum and are not thrown.

@@ -253,7 +253,7 @@ def relative_uncertainty(shares: Sequence[float | None]) -> str:
     (' ± 12 %', '')
     """
     known = [share for share in shares if share is not None and math.isfinite(share)]
-    return f" ± {100 * max(known):.2g} %" if known else ""
+    return f" ± {float(f'{100 * max(known):.2g}'):g} %" if known else ""
 
 
 def percent(value: float | None, std_uncertainty: float | None) -> str:

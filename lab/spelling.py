@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Sequence
 
+# all assumed, and tried on the names of commands, options and keys in tests/lab/test_spelling.py
 LETTERS_PER_EDIT, MOST_EDITS = 4, 2  # letters of a name for each of its typing errors; a shorter name may have one
 SHORTEST = 3  # letters of a name in which one error is no other name
 STEM = 0.7  # share of the longer of two words that is their common beginning: simulate, simulation
+UNIT = 3  # letters of a unit at the end of a name, at most: speed_rpm
 
 
 def near(name: str, known: Iterable[str]) -> str:
@@ -28,8 +30,8 @@ def near(name: str, known: Iterable[str]) -> str:
     Notes
     -----
     Case and separators do not count.  A name is near if it is the same but for typing errors (a letter left out, added
-    or changed, two swapped; figures are never typing errors), else if the words of one are among those of the other, or
-    both begin alike.
+    or changed, two swapped; figures are never typing errors), else if its words are among those of the known name, or
+    are these behind others or with a unit, else if both begin alike.
 
     Examples
     --------
@@ -43,10 +45,12 @@ def near(name: str, known: Iterable[str]) -> str:
     if not given:
         return ""
     letters = "".join(given)
-    edits = {one: _edits(letters, "".join(_words(one))) for one in names}
-    fewest = min(edits.values(), default=0)
     most = min(max(1, len(letters) // LETTERS_PER_EDIT), MOST_EDITS) if len(letters) >= SHORTEST else 0
-    if fewest <= most and (misspelt := [one for one in names if edits[one] == fewest and _same_figures(name, one)]):
+    joined = {one: "".join(_words(one)) for one in names if _same_figures(name, one)}
+    edits = {one: _edits(letters, other) for one, other in joined.items() if abs(len(letters) - len(other)) <= most}
+    fewest = min(edits.values(), default=most + 1)
+    if fewest <= most:
+        misspelt = [one for one, count in edits.items() if count == fewest]
         return misspelt[0] if len(misspelt) == 1 else ""
     ways: Sequence[Callable[[Sequence[str], Sequence[str]], bool]] = (_among, _alike_at_first)
     found = ([one for one in names if way(given, _words(one))] for way in ways)
@@ -86,12 +90,14 @@ def _words(name: str) -> list[str]:
 
 
 def _same_figures(one: str, other: str) -> bool:
-    return sorted(re.findall(r"\d", one)) == sorted(re.findall(r"\d", other))
+    return re.findall(r"\d", one) == re.findall(r"\d", other)
 
 
 def _among(given: Sequence[str], known: Sequence[str]) -> bool:
-    """Whether the words of one name are among those of the other."""
-    return bool(known) and (set(given) <= set(known) or set(known) <= set(given))
+    """Whether the given words are among the known ones, or are these behind others or with a unit."""
+    count = len(known)
+    with_unit = given[:count] == known and len(given) == count + 1 and len(given[-1]) <= UNIT
+    return bool(known) and (set(given) <= set(known) or given[-count:] == known or with_unit)
 
 
 def _alike_at_first(given: Sequence[str], known: Sequence[str]) -> bool:

@@ -1,9 +1,10 @@
 """A folder that keeps finished runs, and lets several processes share the work.
 
 ``ledger.sqlite`` has one row for each finished run: name, function, settings, inputs, version, result and run time, as
-text in JSON, and the checksum of all these.  Arrays of a result are in ``arrays/KEY.npz``, written before the row that
-holds their checksum.  A process claims a run before it starts it.  A claim holds as long as its owner lives: the owner
-holds a lock on its file in ``owners``, which the operating system releases when the process ends, however it ends.
+text in JSON; another table has the checksums of rows.  Arrays of a result are in ``arrays/KEY.npz``, written before
+the row that holds their checksum.  A process claims a run before it starts it.  A claim holds as long as its owner
+lives: the owner holds a lock on its file in ``owners``, which the operating system releases when the process ends,
+however it ends.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from typing import IO, TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from rigtwin.compare.campaign.run import Result, Run, same_inputs
-from rigtwin.compare.result_files import plain
-from rigtwin.lab.checksums import json_sha256, sha256
+from rigtwin.compare.result_files import plain, write_arrays
+from rigtwin.lab.checksums import json_sha256
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.input_files import DAMAGED
 from rigtwin.lab.output_files import locked, remove_leftovers, replacing
@@ -38,13 +39,15 @@ LEDGER = "ledger.sqlite"
 # columns that hold texts; only `seconds` is a number
 TEXTS = ("key", "name", "function", "settings", "inputs", "version", "state", "result", "message", "finished")
 CONTENT = (*TEXTS, "seconds")  # what the checksum of a row is taken of
+JOINED = "runs.*, checksum from runs left join checksums on runs.key = checksums.key"
 PATIENCE = 60.0  # [s], waiting for another process that writes to the ledger
 
 TABLES = """
 create table if not exists runs (
     key text primary key, name text, function text, settings text, inputs text, version text, state text,
-    result text, message text, seconds real, finished text, checksum text
+    result text, message text, seconds real, finished text
 );
+create table if not exists checksums (key text primary key, checksum text);
 create table if not exists claims (key text primary key, owner text);
 """
 
@@ -169,10 +172,7 @@ class Store:
         """
         arrays = {name: value for name, value in result.items() if isinstance(value, np.ndarray)}
         others = {name: value for name, value in result.items() if name not in arrays}
-        listed: dict[str, Any] = {}
-        if arrays:
-            self._write_arrays(run.key, arrays)
-            listed = {"names": list(arrays), "sha256": sha256(self._arrays(run.key))}
+        listed = {"names": list(arrays), "sha256": write_arrays(self._arrays(run.key), arrays)} if arrays else {}
         self._insert(run, "done", json.dumps({**plain(others), "arrays": listed}), "", seconds)
 
     def keep_failure(self, run: Run, message: str, seconds: float) -> None:
@@ -246,6 +246,7 @@ class Store:
         with self._transaction():
             damaged = [row for row in self._all() if not _whole(row)]
             self._ledger.executemany("delete from runs where rowid = ?", [(row["number"],) for row in damaged])
+            self._ledger.executemany("delete from checksums where key = ?", [(row["key"],) for row in damaged])
         for row in damaged:
             if isinstance(row["key"], str) and row["key"].isalnum():
                 self._arrays(row["key"]).unlink(missing_ok=True)
@@ -253,22 +254,15 @@ class Store:
 
     def _all(self) -> list[sqlite3.Row]:
         with self._in_words():
-            return self._ledger.execute("select rowid as number, * from runs order by finished, key").fetchall()
+            return self._ledger.execute(f"select runs.rowid as number, {JOINED} order by finished, runs.key").fetchall()
 
     def _need_columns(self) -> None:
-        columns = self._columns()
+        columns = {row["name"] for row in self._ledger.execute("pragma table_info(runs)")}
         if missing := [name for name in CONTENT if name not in columns]:
             raise BadInput(
                 f"{self.folder / LEDGER}: is damaged, it has no {' and no '.join(missing)}; put a copy of the store "
                 "back, or name another folder."
             )
-        if "checksum" not in columns:  # of an earlier version, whose rows cannot be checked
-            with self._transaction():
-                if "checksum" not in self._columns():
-                    self._ledger.execute("alter table runs add column checksum text")
-
-    def _columns(self) -> set[str]:
-        return {row["name"] for row in self._ledger.execute("pragma table_info(runs)")}
 
     def result(self, key: str) -> Result:
         """Return a result with its arrays.
@@ -289,7 +283,7 @@ class Store:
             If there is no such run.
         """
         with self._in_words():
-            row = self._ledger.execute("select * from runs where key = ?", (key,)).fetchone()
+            row = self._ledger.execute(f"select {JOINED} where runs.key = ?", (key,)).fetchone()
         if row is None:
             raise KeyError(key)
         return self._result(row)
@@ -304,6 +298,7 @@ class Store:
         """
         with self._transaction():
             self._ledger.executemany("delete from runs where key = ?", [(key,) for key in keys])
+            self._ledger.executemany("delete from checksums where key = ?", [(key,) for key in keys])
         for key in keys:
             self._arrays(key).unlink(missing_ok=True)
 
@@ -361,7 +356,7 @@ class Store:
         """The row of a run in this state, unless it is damaged or of other inputs."""
         with self._in_words():
             row: sqlite3.Row | None = self._ledger.execute(
-                "select * from runs where key = ? and state = ?", (run.key, state)
+                f"select {JOINED} where runs.key = ? and state = ?", (run.key, state)
             ).fetchone()
         return row if row is not None and _whole(row) and same_inputs(_parsed(row["inputs"]), run.inputs) else None
 
@@ -371,9 +366,11 @@ class Store:
         listed = result.pop("arrays", {})
         if not listed:
             return result
+        if isinstance(listed, list):  # an earlier version kept no checksum
+            listed = {"names": listed}
         try:
             content = self._arrays(row["key"]).read_bytes()
-            if hashlib.sha256(content).hexdigest() != listed["sha256"]:
+            if listed.get("sha256") not in (None, hashlib.sha256(content).hexdigest()):
                 return {}
             with np.load(io.BytesIO(content), allow_pickle=False) as file:
                 return result | {name: file[name] for name in listed["names"]}
@@ -388,20 +385,14 @@ class Store:
             "version": __version__, "state": state, "result": result, "message": message, "finished": now,
             "seconds": float(seconds),
         }  # fmt: skip
-        row["checksum"] = _checksum(row)
         columns, places = ", ".join(row), ", ".join(f":{name}" for name in row)
         with self._transaction():
             self._ledger.execute(f"insert or replace into runs ({columns}) values ({places})", row)
+            self._ledger.execute("insert or replace into checksums values (?, ?)", (run.key, _checksum(row)))
             self._ledger.execute("delete from claims where key = ?", (run.key,))
 
     def _arrays(self, key: str) -> Path:
         return self.folder / "arrays" / f"{key}.npz"
-
-    def _write_arrays(self, key: str, arrays: Mapping[str, Any]) -> None:
-        with replacing(self._arrays(key)) as part, part.open("wb") as file:
-            np.savez_compressed(file, **arrays)
-            file.flush()
-            os.fsync(file.fileno())
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -490,7 +481,7 @@ def _whole(row: sqlite3.Row) -> bool:
     except (ValueError, RecursionError):
         return False
     known = all(isinstance(one, dict) for one in objects) and row["state"] in get_args(State)
-    return known and row["checksum"] == _checksum(row)
+    return known and row["checksum"] in (None, _checksum(row))  # an earlier version kept none
 
 
 def _parsed(text: str) -> dict[str, Any]:

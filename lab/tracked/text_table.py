@@ -128,7 +128,7 @@ def _what_else(path: Path, raw: bytes) -> str:
     what = f"{kind} by its first bytes" if kind else "not a text file"
     what = f"is taken for a table by its ending {path.suffix}, and is {what}"
     if ending := ending_of(kind):
-        return f"{what}; rename it to {path.stem}{ending}"
+        return f"{what}; rename it to {path.stem.removesuffix(ending)}{ending}"
     return f"{what}; give a table of tracked data as CSV or text, or a clip with the usual ending of its format"
 
 

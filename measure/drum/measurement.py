@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,10 @@ import numpy as np
 from rigtwin.lab.arrays import Image
 from rigtwin.lab.camera import Camera
 from rigtwin.lab.checksums import sha256
-from rigtwin.lab.drum_flow import speed_doubt
 from rigtwin.lab.errors import BadInput, NothingToMeasure, Seen, seeing
 from rigtwin.lab.media_files import PICTURES
 from rigtwin.lab.progress import Progress, silent
-from rigtwin.lab.quantity import Evaluation, Measurement, doubted, failed
+from rigtwin.lab.quantity import Measurement, doubted, failed
 from rigtwin.lab.records import Profile
 from rigtwin.lab.tracked.read import read_profiles, read_series
 from rigtwin.lab.tracked.table import TableOptions, is_table
@@ -26,10 +24,6 @@ from rigtwin.measure.drawing import with_record_plot
 from rigtwin.measure.drum.bed import Bed, bed_in_photo, follow_bed, rim_seen_at
 from rigtwin.measure.drum.checks import checks_of_picture, must_be_a_drum, rests_on
 from rigtwin.measure.drum.evaluate import (
-    FREQUENCY,
-    LOWER,
-    S_SHAPE,
-    UPPER,
     USUAL_SHARE,
     Observation,
     check_settings,
@@ -163,7 +157,10 @@ def measure(
     )
     checks = (*of_picture, *evaluation.checks)
     if speed is not None and len(seen.times) > 1 and not camera.averaged:
-        warnings += _of_speed(evaluation, speed, None if scale is None else seen.radius)
+        warnings.append(
+            "speed not confirmed: the film does not show how fast the drum turns, and the uncertainties of the mean "
+            f"angles count its turns by --speed {abs(speed) * 30 / math.pi:.4g}rpm."
+        )
     if scale is None:
         warnings.append("scale: not known, so profiles are omitted; give --drum-diameter or --scale.")
     if turned := nothing_level(bed.upright):
@@ -198,22 +195,6 @@ def measure(
     if out is None:
         return result
     return replace(result, files=write_pictures(out, result, shown, bed, scale or 1.0, progress))
-
-
-def _of_speed(evaluation: Evaluation, speed: float, radius: float | None) -> Iterator[str]:
-    """Warnings of a stated speed: that a film does not show it, and where the surface of the bed does not fit it."""
-    yield (
-        "speed not confirmed: the film does not show how fast the drum turns, and the uncertainties of the mean "
-        f"angles count its turns by --speed {abs(speed) * 30 / math.pi:.4g}rpm."
-    )
-    found = {one.quantity: one for one in evaluation.quantities}
-    if radius is None or not {UPPER, LOWER} <= set(found):
-        return
-    upper, lower = found[UPPER], found[LOWER]
-    curved = max(S_SHAPE, 2 * math.hypot(upper.std_uncertainty, lower.std_uncertainty))
-    level = abs(upper.value - lower.value) < curved
-    if why := speed_doubt(speed, radius, level=level, avalanches=FREQUENCY in found):
-        yield f"speed doubtful: {why}; check --speed and --drum-diameter."
 
 
 def _measure_table(

@@ -58,7 +58,7 @@ class Film:
         except Exception as error:  # FFmpeg's, and PyAV's own at metadata and streams that it does not expect
             why, advice = reason(error), "give a clip that a video player shows"
             if breaks_off(path):
-                why = "its end with the index is missing, the recording or the copy was broken off"
+                why = "its end with the index is missing: the recording or the copy was broken off"
                 advice = "copy it again"
             raise UnreadableMedia(f"{path}: cannot be decoded as a video ({why}); {advice}.") from None
         self.shape = (first.shape[0], first.shape[1])

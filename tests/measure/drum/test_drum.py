@@ -318,7 +318,6 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     found = measured(tmp_path / "drum.mp4", out=tmp_path / "out", speed=0.4)
     angle = find(found, drum.GRAPHICAL, drum.MIDDLE)
     assert any("speed not confirmed" in warning and "3.82rpm" in warning for warning in found.warnings)
-    assert not any("speed doubtful" in warning for warning in found.warnings)
     assert angle.value == pytest.approx(30.0, abs=0.6)
     assert angle.interval95[0] < 30.0 < angle.interval95[1]
     assert angle.detail["turning"] == "clockwise"
@@ -328,13 +327,6 @@ def test_a_filmed_drum_gives_the_slope_it_was_drawn_with(tmp_path: Path) -> None
     assert {"overlay", "still", "plot"} <= set(found.files)
     assert all(path.exists() for path in found.files.values())
     assert not angle.doubtful
-
-
-@pytest.mark.parametrize(("speed", "seen"), [(4.0, "a straight one was seen"), (0.04, "none were seen")])
-def test_a_speed_ten_times_off_does_not_fit_the_surface(tmp_path: Path, speed: float, seen: str) -> None:
-    film(tmp_path / "drum.mp4", -30.0)
-    warnings = measured(tmp_path / "drum.mp4", speed=speed).warnings
-    assert any("speed doubtful: " in warning and seen in warning for warning in warnings)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
