@@ -56,7 +56,8 @@ WORDING = (  # how the parser of options says what we say elsewhere
     (r"Input should be less than or equal to", "is too large; give at most"),
     (r"Value error, ", ""),
 )
-PROPOSED = r"(?P<given>'?[\w-]+'?)(?:\. Did you mean | \(Possible options: )(?P<proposed>[^?)]+)[?)]"
+PROPOSED = r"\. Did you mean .*$| \(Possible options: .*\)$"
+UNKNOWN = r"No such command '(.*?)'"
 
 CLEARED_UP = 5.0  # [s] after Ctrl-C, within which files are closed and worker processes ended
 
@@ -318,12 +319,6 @@ def _interrupted(as_json: bool) -> int:
     return _fail("interrupted", "interrupted; results of earlier runs are as they were.", 130, as_json)
 
 
-def _not_loaded(error: Exception) -> bool:
-    """Whether the system loader found no memory for a library."""
-    words = ("failed to map segment", "cannot allocate memory")
-    return isinstance(error, ImportError) and any(each in str(error).lower() for each in words)
-
-
 def _less_memory(arguments: list[str]) -> str:
     """What to ask less of, by the command that was running."""
     if "simulate" in arguments or "reproduce" in arguments:
@@ -346,7 +341,11 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
     if isinstance(error, RigtwinError):
         return _fail(type(error).__name__, str(error), error.exit_code, as_json, error)
     number = getattr(error, "errno", None)
-    if isinstance(error, MemoryError) or number == errno.ENOMEM or _not_loaded(error):
+    if isinstance(error, ImportError) and "failed to map segment" in str(error):  # the system's loader
+        library = str(error).partition(":")[0]
+        message = f"{library}: cannot be loaded, for want of memory or because programs may not be run from its folder"
+        return _fail("memory", f"{message}; {_less_memory(arguments)}.", 2, as_json)
+    if isinstance(error, MemoryError) or number == errno.ENOMEM:
         return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
     if number == errno.EAGAIN or str(error) == "can't start new thread":  # where memory is short for its stack, too
         message = f"the system gives no further thread, for want of memory or by a limit; {_less_memory(arguments)}."
@@ -387,10 +386,12 @@ def _printable(message: str) -> str:
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in line)
 
 
-def _meant(found: re.Match[str]) -> str:
-    """An unknown command or option with what was proposed in its place, where that is near."""
-    meant = near(found["given"], re.findall(r"[\w-]+", found["proposed"]))
-    return found["given"] + (f"; did you mean {meant!r}" if meant else "")
+def _meant(error: Any, context: Any) -> str:
+    """The command or option that is near an unknown one; empty where none is, or something else is wrong."""
+    if option := getattr(error, "option_name", ""):
+        return near(option, [name for one in context.command.params for name in one.opts])
+    unknown = re.match(UNKNOWN, error.format_message())
+    return near(unknown[1], context.command.list_commands(context)) if unknown else ""
 
 
 def _usage(error: typer.TyperException) -> str:
@@ -399,8 +400,9 @@ def _usage(error: typer.TyperException) -> str:
     words = error.format_message()
     for theirs, ours in WORDING:
         words = re.sub(theirs, ours, words)
-    words = re.sub(PROPOSED, _meant, words)
-    return f"{words.rstrip('.?')}; see `{command} --help`."
+    words = re.sub(PROPOSED, "", words).rstrip(".?")
+    meant = _meant(error, context) if context is not None else ""
+    return f"{words}{f'; did you mean {meant!r}' if meant else ''}; see `{command} --help`."
 
 
 if __name__ == "__main__":

@@ -357,8 +357,8 @@ def measure_lab(
     """All repetitions of a lab, without its twins: also `measure LAB`.
 
     Measurements are kept in OUT/measured by media, settings and version: called again, only what is new or changed is
-    measured, also by `rigtwin compare`. With --only, the tables in OUT go on to hold the other experiments whose
-    measurements are kept and still fit.
+    measured, also by `rigtwin compare`. With --only, the tables in OUT go on to hold the other experiments of which
+    every repetition is kept as it is now.
     """
     from rigtwin.compare.measure_lab import measure_lab as measure_all
 

@@ -69,6 +69,11 @@ class KeptMeasurements:
     def __init__(self, out: Path) -> None:
         self._out = out
 
+    @property
+    def any(self) -> bool:
+        """Whether there are any."""
+        return (self._out / FOLDER).is_dir()
+
     def key(self, experiment: Experiment, views: Sequence[Path], known: Mapping[str, Any], folder: Path) -> str:
         """Return a digest of what decides the measurement of a repetition.
 

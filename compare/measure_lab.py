@@ -12,7 +12,7 @@ from rigtwin.compare import result_files
 from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.deviation import Deviation, deviations
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
-from rigtwin.compare.measure_repetitions import Measured, folders, measuring
+from rigtwin.compare.measure_repetitions import Failure, Measured, folders, measuring
 from rigtwin.compare.preflight import need_fitting_media, refused_twins
 from rigtwin.compare.twins.matched import set_by_hand
 from rigtwin.lab.file.lab_file import Lab, read_lab
@@ -35,14 +35,19 @@ class LabMeasurements:
     remarks: tuple[str, ...] = ()
     new: int = 0
     """Number of repetitions that were measured, not taken from what is kept."""
+    refused: int = 0
+    """Number of repetitions that were to be measured and could not be."""
 
     @property
     def headline(self) -> str:
         """How many repetitions were measured and how many are kept, in one sentence; empty where there are none."""
-        kept = sum(len(one.measurements) + len(one.failures) for one in self.measured) - self.new
-        if not kept:
-            return f"{counted(self.new, 'repetition')} measured." if self.new else ""
-        return f"{counted(self.new, 'repetition')} measured, {kept} kept from before; --again measures all."
+        kept = sum(len(one.measurements) + len(one.failures) for one in self.measured) - self.new - self.refused
+        parts = [
+            f"{counted(self.new, 'repetition')} measured",
+            *([f"{self.refused} refused"] if self.refused else []),
+            *([f"{kept} kept from before; --again measures all"] if kept else []),
+        ]
+        return f"{', '.join(parts)}." if self.new or self.refused or kept else ""
 
     def __repr__(self) -> str:
         names = ", ".join(one.experiment.id for one in self.measured)
@@ -120,7 +125,8 @@ def measure_lab(
     progress : Progress
         Called with step, number and count.
     only : sequence of str, optional
-        Names of the experiments; all by default.  Of the others the tables show what is kept in `out` and still fits.
+        Names of the experiments; all by default.  The tables show the others, too, if all their repetitions are kept
+        in `out` as they are now.
     workers : int, optional
         Number of measuring processes, one for each core by default.
     again : bool
@@ -153,7 +159,9 @@ def measure_lab(
             for one in named:
                 one.need_known()
         remarks = (*_not_in_tables(lab, found), *refused_twins(lab, experiments))
-        done = LabMeasurements(lab, named, remarks=remarks, new=len(pending.started))
+        refused = sum(isinstance(job.result(), Failure) for job in pending.started)
+        new = len(pending.started) - refused
+        done = LabMeasurements(lab, named, remarks=remarks, new=new, refused=refused)
         whole = replace(done, measured=tuple(found[one.id] for one in lab.experiments if one.id in found))
         names = ("measurements.csv", "measurements.json")
         done.files.update({name: out / name for name in names})

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -269,8 +269,12 @@ def measuring(
     kept = KeptMeasurements(out)
     named = {one.id for one in (experiments if only is None else only)}
     wanted = {k for k, (experiment, *_) in enumerate(jobs) if experiment.id in named}
-    keys = [kept.key(experiment, views, known(experiment), folder) for experiment, views, folder in jobs]
-    before = {k: None if again and k in wanted else kept.find(keys[k], jobs[k][1]) for k in range(len(jobs))}
+    keys = {}
+    for k, (experiment, views, folder) in enumerate(jobs):
+        with suppress(*() if k in wanted else (OSError,)):  # of those that are not named none need be there
+            if k in wanted or kept.any:
+                keys[k] = kept.key(experiment, views, known(experiment), folder)
+    before = {k: None if again and k in wanted else kept.find(key, jobs[k][1]) for k, key in keys.items()}
     # the views of a pile are one long job: start it first, so that the others run beside it
     new = sorted((k for k in wanted if before[k] is None), key=lambda k: -len(jobs[k][1]))
     work, less = "measured a repetition", "give shorter clips or smaller photos"
@@ -296,7 +300,7 @@ class Pending:
     started: Mapping[Future[Measurement | Failure], int]
     """Numbers of the repetitions that are measured."""
     kept: KeptMeasurements
-    keys: Sequence[str]
+    keys: Mapping[int, str]
 
     def results(self, progress: Progress = silent) -> Mapping[str, Measured]:
         """Wait for all measurements, and keep them.

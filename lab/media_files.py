@@ -33,24 +33,21 @@ RIFF, MATROSKA, FILE_TYPE = b"RIFF", b"\x1a\x45\xdf\xa3", b"ftyp"
 """First bytes of a RIFF and a Matroska file; bytes 4 to 8 of a file of the MP4 family (ISO 14496-12)."""
 
 _BEGINNINGS = (
-    (rb"\xff\xd8\xff", "a picture (JPEG)"),
-    (rb"\x89PNG", "a picture (PNG)"),
-    (rb"II\*\0|MM\0\*", "a picture (TIFF)"),
-    (rb"BM.{4}\0{4}", "a picture (BMP)"),
-    (rb".{4}" + FILE_TYPE + rb"(?:hei[cxms]|mif1|avif)", "a picture (HEIC)"),
-    (rb".{4}" + FILE_TYPE, "a film (MP4)"),
-    (RIFF + rb".{4}AVI ", "a film (AVI)"),
-    (MATROSKA, "a film (Matroska)"),
-    (RIFF + rb".{4}WAVE", "a sound recording (WAV)"),
-    (rb"fLaC", "a sound recording (FLAC)"),
-    (rb"OggS", "a sound recording (Ogg)"),
-    (rb"ID3[\x02-\x04]", "a sound recording (MP3)"),
-    (rb"PK\x03\x04", "a ZIP archive or a spreadsheet"),
-    (rb"%PDF-", "a PDF document"),
+    (rb"\xff\xd8\xff", "a picture (JPEG)", ".jpg"),
+    (rb"\x89PNG", "a picture (PNG)", ".png"),
+    (rb"II\*\0|MM\0\*", "a picture (TIFF)", ".tif"),
+    (rb"BM.{4}\0{4}", "a picture (BMP)", ".bmp"),
+    (rb".{4}" + FILE_TYPE + rb"(?:hei[cxms]|mif1|avif)", "a picture (HEIC)", ".heic"),
+    (rb".{4}" + FILE_TYPE, "a film (MP4)", ".mp4"),
+    (RIFF + rb".{4}AVI ", "a film (AVI)", ".avi"),
+    (MATROSKA, "a film (Matroska)", ".mkv"),
+    (RIFF + rb".{4}WAVE", "a sound recording (WAV)", ".wav"),
+    (rb"fLaC", "a sound recording (FLAC)", ".flac"),
+    (rb"OggS", "a sound recording (Ogg)", ".ogg"),
+    (rb"ID3[\x02-\x04]", "a sound recording (MP3)", ".mp3"),
+    (rb"PK\x03\x04", "a ZIP archive or a spreadsheet", ""),
+    (rb"%PDF-", "a PDF document", ""),
 )
-_ENDINGS = {"MP4": ".mp4", "AVI": ".avi", "Matroska": ".mkv", "JPEG": ".jpg", "PNG": ".png", "TIFF": ".tif"} | {
-    "BMP": ".bmp", "HEIC": ".heic", "WAV": ".wav", "FLAC": ".flac", "Ogg": ".ogg", "MP3": ".mp3",
-}  # fmt: skip
 STL_HEAD, STL_FACET = 84, 50
 """Bytes of a binary STL file: its header with the number of facets, and each facet."""
 
@@ -73,7 +70,7 @@ def kind_of(content: bytes) -> str:
     >>> kind_of(b"\\x89PNG\\r\\n")
     'a picture (PNG)'
     """
-    for beginning, kind in _BEGINNINGS:
+    for beginning, kind, _ in _BEGINNINGS:
         if re.match(beginning, content, re.DOTALL):
             return kind
     facets = int.from_bytes(content[STL_HEAD - 4 : STL_HEAD], "little")
@@ -100,4 +97,4 @@ def ending_of(kind: str) -> str:
     >>> ending_of("a film (MP4)"), ending_of("a PDF document")
     ('.mp4', '')
     """
-    return _ENDINGS.get(kind.rpartition("(")[2].rstrip(")"), "")
+    return next((ending for _, name, ending in _BEGINNINGS if name == kind), "")

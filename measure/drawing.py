@@ -42,6 +42,7 @@ WHITE: Colour = (255, 255, 255)
 
 CAPITAL = 0.7  # height of a capital letter relative to the font size, for OpenCV's font "sans"
 WEIGHT = 600  # font weight, semi-bold for legibility on any background
+LONGEST_SIDE = 16384  # [px], of pictures that x264 takes
 _SUBPIXEL_BITS = 4  # OpenCV draws in sixteenths of a pixel
 
 
@@ -72,6 +73,9 @@ class OverlayVideo:
         self._add(frame)
 
     def _open_stream(self, picture: Image) -> av.VideoStream:
+        if max(picture.shape) > LONGEST_SIDE:
+            size = f"{picture.shape[1]} x {picture.shape[0]}"
+            raise BadInput(f"{self.path}: H.264 films have at most {LONGEST_SIDE} px a side, not {size}; use --region.")
         stream = self._container.add_stream("libx264", rate=self._rate, options={"preset": "ultrafast", "crf": "22"})
         stream.height, stream.width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
         stream.pix_fmt = "yuv420p"
@@ -100,7 +104,7 @@ class OverlayVideo:
         with naming(self.path):
             try:
                 packets = self._stream.encode(frame)
-            except av.error.ExternalError as error:  # x264 states no reason; the pictures are as it needs them
+            except av.error.ExternalError as error:  # x264 states no reason; size and kind of the pictures fit
                 raise MemoryError from error
             for packet in packets:
                 self._container.mux(packet)

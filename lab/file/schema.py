@@ -1356,24 +1356,20 @@ def repaired(document: Document, kind: type[File]) -> Repaired[File]:
                     if meant := near(str(table.get("rig", "")), RIGS):
                         table["rig"] = meant  # nothing else of the experiment is repaired
                         continue
-                    problems += _of_every_rig(table, problem.key[:2])
+                    problems += _whichever_rig(table, problem.key[:2])
                 repaired_key = _repair(data, problem.key, details, kind)
                 if details["type"] != "extra_forbidden" or _MEANT.match(problem.what):
                     places.add(repaired_key)
 
 
-def _of_every_rig(table: Mapping[str, Any], key: Key) -> list[Problem]:
-    """What is wrong with an experiment whichever its rig is."""
-    found: list[dict[Problem, None]] = []
-    for rig, entry in _EXPERIMENTS.items():
-        try:
-            entry.model_validate({**table, "rig": rig})
-        except ValidationError as error:
-            places = [{**details, "loc": (*key, rig, *details["loc"])} for details in error.errors()]
-            found.append(dict.fromkeys(_problem(cast("ErrorDetails", each), LabFile) for each in places))
-        else:
-            return []
-    return [problem for problem in found[0] if all(problem in others for others in found[1:])]
+def _whichever_rig(table: Mapping[str, Any], key: Key) -> list[Problem]:
+    """What is wrong with the keys that experiments of all rigs have."""
+    try:
+        _ExperimentEntry.model_validate({name: table[name] for name in _ExperimentEntry.model_fields if name in table})
+    except ValidationError as error:
+        places = [{**details, "loc": (*key, "drop", *details["loc"])} for details in error.errors()]
+        return [_problem(cast("ErrorDetails", each), LabFile) for each in places]
+    return []
 
 
 def without_consequences(problems: Sequence[Problem]) -> list[Problem]:

@@ -92,11 +92,11 @@ def must_be_a_drum(clip: Path, checks: Sequence[Check]) -> None:
     """Refuse a clip in which neither the rim of a drum nor the surface of a bed was found."""
     wrong = {each.check: each for each in checks if each.passed is False}
     if {"rim_found", "surface_shape"} <= set(wrong):
-        rim = wrong["rim_found"].message.rstrip(".").partition(";")[0].partition(": ")[0]
         raise NothingToMeasure(
-            f"{clip}: {rim}, and the upper border of what moves bows by {wrong['surface_shape'].value:.2f} of its "
-            f"length ({MOST_BOW} at most is that of a flowing bed); film the end of the drum with its whole rim, "
-            "or state its inner rim with --circle cx,cy,r."
+            f"{clip}: an edge was found along {100 * wrong['rim_found'].value:.0f} % of the drum's circle only, and "
+            f"the upper border of what moves bows by {wrong['surface_shape'].value:.2f} of its length ({MOST_BOW} at "
+            "most is that of a flowing bed); film the end of the drum with its whole rim, or state its inner rim with "
+            "--circle cx,cy,r."
         )
 
 

@@ -31,6 +31,7 @@ def test_only_a_near_name_is_proposed(known, meant):
     [
         (["report"], ""), (["video"], ""), (["plot"], ""), (["compar"], "'compare'"), (["simulation"], "'simulate'"),
         (["compare", "x", "--runz", "2"], "'--runs'"), (["compare", "x", "--report"], ""),
+        (["measure", "pen", "x.mp4"], "'pendulum'"), (["simulate", "drop", "--drop-heigh", "3mm"], "'--drop-height'"),
         (["measure", "drop", "x.mp4", "--diameter", "6mm"], "'--bead-diameter'"),
     ],
 )  # fmt: skip
@@ -38,4 +39,4 @@ def test_only_a_near_command_or_option_is_proposed(arguments, proposed, capsys):
     assert run(arguments) == 2
     said = capsys.readouterr().err
     assert said.count("did you mean") + said.count("ossible") == bool(proposed)
-    assert f"did you mean {proposed}; see" in said or not proposed
+    assert f"did you mean {proposed}" in said or not proposed

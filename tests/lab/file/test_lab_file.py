@@ -657,7 +657,7 @@ def faults_of(folder, text):
     return list(refused.value.faults)
 
 
-def test_an_unknown_rig_hides_no_other_fault(folder):
+def test_an_unknown_rig_hides_no_fault_of_the_keys_of_all_rigs(folder):
     wrong = LAB.replace('mass = "0.0710 g"', 'mass = "71 g"').replace('rig = "drop"\n', 'rig = "shear cell"\n')
     wrong = wrong.replace('id = "pendulum-1"', 'id = "drop-1"').replace("count = 1000\n", "coont = 1000\ncomment = 1\n")
     wrong = wrong.replace('rig = "pile"', 'rig = "piles"').replace('variant = "piling"\n', "")
