@@ -36,6 +36,7 @@ LONGEST_POUR = 600.0  # [s]
 PATIENCE = 100  # checks in a row without room for a particle, after which filling ends
 REST_LOOKS = 3  # checks in a row at rest, after which a bed counts as settled
 LOOSEST, TIGHTEST = 1.35, 1.02  # [diameters], pitch of the lattice
+MOST_SITES = 1e7  # of a lattice, which take half a gigabyte
 MIDDLE, NOTHING = np.full(3, 0.5), np.zeros((0, 3))
 THROWN = 0.2  # [m/s], standard deviation of each initial velocity component; destroys the lattice during the fall
 
@@ -702,8 +703,7 @@ def _sites_of(
         sites, shift = _sites(count, inside, box, particle, taken, phase)
         return sites, np.full(len(sites), shift)
     for pitch in np.linspace(LOOSEST, TIGHTEST, 12) * particle.diameter:
-        steps = [np.arange(low + part * pitch, high, pitch) for low, high, part in zip(*box, phase, strict=True)]
-        blocks = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        blocks = _lattice(count, box, float(pitch), phase)
         blocks = blocks[inside(blocks, particle.smallest_radius)]
         if len(taken) and len(blocks):
             blocks = blocks[_clear(blocks, taken, particle.radius + pitch)]
@@ -757,14 +757,26 @@ def _sites(
     """
     for pitch in np.linspace(LOOSEST, TIGHTEST, 12) * particle.diameter:
         shift = float(0.45 * (pitch - particle.diameter))
-        steps = [np.arange(low + part * pitch, high, pitch) for low, high, part in zip(*box, phase, strict=True)]
-        sites = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        sites = _lattice(count, box, float(pitch), phase)
         sites = sites[inside(sites, particle.radius + shift)]
         if len(taken) and len(sites):
             sites = sites[_clear(sites, taken, particle.diameter + shift)]
         if len(sites) >= count:
             break
     return sites[np.argsort(sites[:, 2], kind="stable")], shift
+
+
+def _lattice(count: int, box: tuple[Array, Array], pitch: float, phase: Array) -> Array:
+    """Sites of a cubic lattice of this pitch [m] in a box, for `count` particles, shape (n, 3)."""
+    low = box[0] + phase * pitch
+    room = float(np.prod(np.maximum(np.ceil((box[1] - low) / pitch), 0)))
+    if not room <= max(MOST_SITES, count):
+        raise BadInput(
+            f"the space to fill has room for {room:.2g} particles {1e3 * pitch:.3g} mm apart, and {MOST_SITES:.2g} "
+            f"places at most are searched for {count} of them; check the sizes of the rig and of the particle."
+        )
+    steps = [np.arange(begin, end, pitch) for begin, end in zip(low, box[1], strict=True)]
+    return np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _clear(sites: Array, taken: Array, distance: float) -> npt.NDArray[np.bool_]:

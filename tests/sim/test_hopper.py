@@ -173,6 +173,7 @@ def test_the_flow_rate_of_evenly_spaced_times_is_exact():
         (CONE, {"duration": -1.0}, "duration"),
         (Hopper(0.2), {}, "outlet"),
         (Hopper(0.02, "slot", inclination=0.0), {}, "inclination"),
+        (replace(CONE, cone_height=1e6), {}, "the space to fill has room for .*e\\+.* particles 8.1 mm apart"),
     ],
 )
 def test_an_impossible_hopper_is_refused(rig, more, message):
