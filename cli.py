@@ -345,10 +345,14 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
         library = str(error).partition(":")[0]
         message = f"{library}: cannot be loaded, for want of memory or because programs may not be run from its folder"
         return _fail("memory", f"{message}; {_less_memory(arguments)}.", 2, as_json)
-    if isinstance(error, MemoryError) or number == errno.ENOMEM:
+    taichi = isinstance(error, RuntimeError) and "memory allocation" in str(error)
+    if isinstance(error, MemoryError) or number == errno.ENOMEM or taichi:
         return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
     if number == errno.EAGAIN or str(error) == "can't start new thread":  # where memory is short for its stack, too
-        message = f"the system gives no further thread, for want of memory or by a limit; {_less_memory(arguments)}."
+        message = (
+            "the system gives no further thread, for want of memory or by a limit; close other programs, or raise "
+        )
+        message += "the limit (`ulimit -a` shows it)."
         return _fail("memory", message, 2, as_json)
     if isinstance(error, OSError) and (error.filename is not None or number in FULL):  # a folder that cannot be made
         reason = (error.strerror or "cannot be used").lower()

@@ -33,6 +33,7 @@ AVERAGES_OUT = frozenset(
         "flow over time",
         "scatter of avalanches",
         "scatter of the flow",
+        "view from above",
     }
 )
 

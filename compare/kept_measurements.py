@@ -126,7 +126,7 @@ class KeptMeasurements:
         """
         try:
             document = dict(json.loads(self._place(key, ".json").read_text(encoding="utf-8")))
-            if document.pop("checksum") != json_sha256(document):
+            if document.pop("checksum") != json_sha256(document) or document["key"] != key:
                 return None
             if not all(_is_there(one, self._out) for one in dict(document["files"]).values()):
                 return None
@@ -161,7 +161,7 @@ class KeptMeasurements:
         else:
             result, arrays = _result(found, self._out)
             result["arrays"] = write_arrays(self._place(key, ".npz"), arrays)
-        content = plain(result)
+        content = plain({"key": key, **result})
         with replacing(self._place(key, ".json")) as part:
             whole = {**content, "checksum": json_sha256(content)}
             part.write_text(json.dumps(whole, ensure_ascii=False), encoding="utf-8")

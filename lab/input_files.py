@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 import struct
+import tempfile
 import threading
 import zipfile
 import zlib
@@ -23,6 +24,7 @@ DAMAGED = (
 )  # fmt: skip
 """What reading a JSON document or an archive of arrays raises where it is damaged; zipfile raises `RuntimeError` where
 a member is encrypted or compressed in an unknown way, json where brackets are nested too deeply."""
+MOST_SAID = 2**16  # [bytes], of a library's words on stderr that are kept
 MOST_ROWS = 1_000_000  # of a table: an hour at 240 frames per second; as text cells they take about half a gigabyte
 
 
@@ -171,24 +173,33 @@ _STDERR = threading.Lock()
 
 
 @contextmanager
-def silenced_stderr() -> Iterator[None]:
-    """Discard what is written to stderr meanwhile, also by C libraries and other threads of this process.
+def captured_stderr() -> Iterator[list[str]]:
+    """Keep what is written to stderr meanwhile from the user, also what C libraries and other threads write.
 
     The decoders of JPEG and PNG write there what they find wrong, which no setting prevents.
+
+    Yields
+    ------
+    list of str
+        The lines, known when the block has ended; none where stderr is closed.
     """
+    lines: list[str] = []
     with _STDERR:
         try:
             kept = os.dup(2)
         except OSError:  # started with stderr closed
-            yield
+            yield lines
             return
         try:
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, 2)
-            os.close(nowhere)
-            yield
+            with tempfile.TemporaryFile() as file:
+                os.dup2(file.fileno(), 2)
+                try:
+                    yield lines
+                finally:
+                    os.dup2(kept, 2)
+                    file.seek(0)
+                    lines += file.read(MOST_SAID).decode(errors="replace").splitlines()
         finally:
-            os.dup2(kept, 2)
             os.close(kept)
 
 

@@ -1093,7 +1093,7 @@ def test_a_decoder_without_a_thread_is_no_fault_of_rigtwin(monkeypatch, capfd):
         raise av.error.BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
 
     monkeypatch.setattr("rigtwin.cli._command", lambda: no_thread)
-    refused(["measure", "drop", "x.mp4"], capfd, "no further thread", "shorter clip")
+    refused(["measure", "drop", "x.mp4"], capfd, "no further thread", "raise the limit")
 
 
 def test_each_doubt_is_stated_once(tmp_path, capsys):

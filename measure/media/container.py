@@ -81,7 +81,7 @@ def open_container(path: Path) -> Iterator[Any]:
                     must_have_room(path, stream.width, stream.height)
             yield container
     except av.FFmpegError as error:
-        if error.errno == errno.ENOMEM and _memory_is_there():
+        if error.errno == errno.ENOMEM and memory_is_there():
             raise UnreadableMedia(
                 f"{path}: FFmpeg is refused memory, as for damaged files that ask for more than 2 GB at once; copy it "
                 "again."
@@ -93,7 +93,7 @@ def open_container(path: Path) -> Iterator[Any]:
         raise
 
 
-def _memory_is_there() -> bool:
+def memory_is_there() -> bool:
     """Whether there is as much memory as FFmpeg gives at most at once."""
     try:
         np.empty(2**31, dtype=np.uint8)

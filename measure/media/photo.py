@@ -65,9 +65,9 @@ def read_photo(path: Path, camera: Camera | None = None) -> tuple[Image, tuple[s
     # decode from memory: imread would also write its own message about a broken file to stderr
     must_be_small_enough(path)
     stored = np.fromfile(path, dtype=np.uint8)
-    image = sources.decoded(stored, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    image = sources.decoded(path, stored, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if image is not None and image.dtype not in (np.uint8, np.uint16):
-        image = sources.decoded(stored, cv2.IMREAD_COLOR)
+        image = sources.decoded(path, stored, cv2.IMREAD_COLOR)
     notes: tuple[str, ...] = ()
     if image is None:
         photo = _phone_photo(path, stored)
@@ -142,7 +142,11 @@ def _phone_photo(path: Path, stored: Image) -> Image:
         if "truncated" in str(error).lower():
             raise UnreadableMedia(f"{path}: {_what_is_left(path)}; copy it again.") from None
         kind = kind_of(stored.tobytes())
-        what = f"is {kind} and no photo" if kind and "picture" not in kind else "cannot be decoded as a photo"
+        if "picture" in kind:
+            raise UnreadableMedia(
+                f"{path}: is {kind} that cannot be decoded; copy it again, or save it anew."
+            ) from None
+        what = f"is {kind} and no photo" if kind else "cannot be decoded as a photo"
         raise UnreadableMedia(f"{path}: {what}; give a JPEG, PNG, TIFF or HEIC file.") from None
     return np.ascontiguousarray(np.asarray(upright)[..., ::-1])
 

@@ -18,12 +18,14 @@ import numpy.typing as npt
 
 from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.errors import UnreadableMedia
-from rigtwin.lab.input_files import silenced_stderr
+from rigtwin.lab.input_files import captured_stderr
 from rigtwin.measure.media.container import open_container
 from rigtwin.measure.media.picture_size import must_be_small_enough
 
 Picture = tuple[GreyImage, Callable[[], Image]]
 """Brightness, shape (height, width), and a function that returns the BGR picture, shape (height, width, 3)."""
+
+CORRUPT = "Corrupt JPEG data: "  # begin of libjpeg's words
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -73,23 +75,27 @@ class Source(Protocol):
 
 def still(path: Path) -> npt.NDArray[Any]:
     must_be_small_enough(path)
-    image = decoded(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    image = decoded(path, np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
     if image is None:
         raise UnreadableMedia(f"{path}: cannot be decoded as a picture; take it out of the folder or save it again.")
     return np.asarray(image)
 
 
-def decoded(stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray[Any] | None:
-    """A picture that OpenCV decodes, None if it cannot."""
+def decoded(path: Path, stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray[Any] | None:
+    """A picture that OpenCV decodes, None if it cannot.  Refuses one of which a part of the data is damaged."""
     if _promises_more(stored):
         return None
     try:
-        with silenced_stderr():
+        with captured_stderr() as said:
             image = cv2.imdecode(stored, kind)
     except cv2.error as error:  # an assertion of its own about the header
         if error.code == NO_MEMORY:
             raise MemoryError from None
         return None
+    # libjpeg fills what it cannot decode with grey; surplus bytes between its parts do no harm
+    damage = [line.removeprefix(CORRUPT) for line in said if line.startswith(CORRUPT) and "extraneous" not in line]
+    if image is not None and damage:
+        raise UnreadableMedia(f"{path}: a part of its picture data is damaged ({damage[0]}); copy it again.")
     return None if image is None else np.asarray(image)
 
 

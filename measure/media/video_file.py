@@ -12,7 +12,7 @@ from typing import Any
 import av
 
 from rigtwin.lab.errors import UnreadableMedia
-from rigtwin.measure.media.container import first_stream, open_container
+from rigtwin.measure.media.container import first_stream, memory_is_there, open_container
 from rigtwin.measure.media.pictures import (
     CUT_OFF,
     DEEP_GREY,
@@ -124,7 +124,9 @@ class Film:
                 interlaced.append(picture.interlaced_frame)
         except MemoryError:
             raise
-        except av.FFmpegError:
+        except av.FFmpegError as error:
+            if not memory_is_there():  # of which some decoders do not tell
+                raise MemoryError from error
             if len(stamps) < 3:
                 raise
             damaged = (f"the file is damaged after picture {len(stamps) - 1}; used what decodes.",)

@@ -162,6 +162,7 @@ class Bed:
     wall_sigma: float = 0.0  # relative standard uncertainty of the width as found, not as stated
     floor_apart: float = 0.0  # [standard uncertainties], of a stated floor below the lowest grains
     elsewhere: float = math.nan  # scale [m/px] of a gauge that was not used over that of the cylinder; NaN: none
+    seen_width: float = math.nan  # `width` as seen, also where walls are stated
 
     @property
     def floor(self) -> float:
@@ -282,7 +283,7 @@ def find_bed(
         return _no_bed(f"no region of grains is wider than {5 * beads.radius / zoom:.0f} px", beads, zoom)
     lean = upright.at(stated.middle[0] if stated.walls else float(np.median(np.nonzero(region_of_grains)[1])))[0]
     straight = straightened(alike, region_of_grains, lean, beads.radius)
-    left, right, wall_sigma = _walls(image, straight, beads.radius, upright, stated)
+    left, right, wall_sigma, seen_width = _walls(image, straight, beads.radius, upright, stated)
     width, offset = right - left, (left + right) / 2
     radius = width / 2 / ratio if ratio else beads.radius
     chosen = _of_the_bed(alike, beads, straight, region_of_grains, (left, right), radius)
@@ -344,6 +345,7 @@ def find_bed(
         wall_sigma,
         apart,
         elsewhere,
+        seen_width,
     )
     return _judged(bed, _cut_off(kept, alike), alike)
 
@@ -464,22 +466,24 @@ def _upright(grey: Image, roll: float | None) -> tuple[Level, tuple[float, float
 
 def _walls(
     image: Image, straight: Straight, radius: float, upright: Level, stated: Stated
-) -> tuple[float, float, float]:
-    """Columns of the inner walls from the region's middle [px], and the relative standard uncertainty of the width.
+) -> tuple[float, float, float, float]:
+    """Columns of the inner walls from the region's middle [px], the relative standard uncertainty of the width.
+
+    Also the width [px] that is seen, whatever is stated.
 
     Grains touch the walls, so their ends lie at the inner walls or up to a bead radius within them.  A wall is the
     upright edge whose strength, times the probability of its distance to their median, is largest: the outer face of a
     wall and whatever stands behind or beside the cylinder have stronger edges, but elsewhere.
     """
-    if stated.walls is not None:
-        return *stated.across(straight, straight.lean), 0.0
     ends = [float(np.median(each)) for each in sides(straight, radius)]
     width = ends[1] - ends[0]
     left, right = (
         _clearest_edge(image, straight, upright, end + sign * WALL_BEYOND * width, WALL_SPREAD * width)
         for sign, end in zip((-1, 1), ends, strict=True)
     )
-    return left, right, math.sqrt(2) * WALL_SIGMA
+    if stated.walls is not None:
+        return *stated.across(straight, straight.lean), 0.0, right - left
+    return left, right, math.sqrt(2) * WALL_SIGMA, right - left
 
 
 def _clearest_edge(image: Image, straight: Straight, upright: Level, expected: float, spread: float) -> float:

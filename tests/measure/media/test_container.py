@@ -214,7 +214,7 @@ def test_a_recording_without_a_possible_rate_is_refused(tmp_path, rate) -> None:
 
 @pytest.mark.parametrize("number", [errno.ENOMEM, errno.EAGAIN])
 def test_what_a_decoder_lacks_is_memory_and_no_damage(tmp_path, monkeypatch, number) -> None:
-    monkeypatch.setattr(containers, "_memory_is_there", lambda: False)
+    monkeypatch.setattr(containers, "memory_is_there", lambda: False)
     clip = film(tmp_path / "clip.mkv")
     kind = {errno.ENOMEM: av.error.MemoryError, errno.EAGAIN: av.error.BlockingIOError}[number]
 
@@ -235,6 +235,22 @@ def test_a_film_that_asks_for_more_memory_than_any_needs_is_damaged(tmp_path) ->
 
     with pytest.raises(UnreadableMedia, match="more than 2 GB"):
         fail()
+
+
+def test_a_photo_of_which_a_part_is_damaged_is_refused(tmp_path) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (200, 300), dtype=np.uint8)
+    whole = cv2.imencode(".jpg", cv2.GaussianBlur(noise, (0, 0), 3))[1].tobytes()
+    half = len(whole) // 2
+    for number, stored in enumerate(
+        (whole[:half] + bytes(400) + whole[half + 400 :], whole[:half] + whole[half + 900 :], whole)
+    ):
+        path = tmp_path / f"{number}.jpg"
+        path.write_bytes(stored)
+        if stored == whole:
+            assert read_photo(path)[0].shape == (200, 300, 3)
+        else:
+            with pytest.raises(UnreadableMedia, match="a part of its picture data is damaged"):
+                read_photo(path)
 
 
 @pytest.mark.parametrize("ending", [".jpg", ".png"])

@@ -791,6 +791,17 @@ def test_a_stated_floor_is_held_against_the_foot_of_the_grains(tmp_path, lower, 
     assert (f"check --floor {camera.floor:g}" in found.doubtful) != passed
 
 
+@pytest.mark.parametrize(("inwards", "passed"), [(0.0, True), (2.5e-3, False), (-2.5e-3, False)])
+def test_stated_walls_are_held_against_those_that_are_seen(tmp_path, inwards, passed):
+    photo = tmp_path / "bed.png"
+    draw(photo, gauge=False)
+    (x1, y1), (x2, y2) = at_the_floor()
+    walls = ((x1 + inwards * 1e3 * PIXEL, y1), (x2 - inwards * 1e3 * PIXEL, y2))
+    result = packing.measure([photo], Camera(cylinder=walls), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
+    found = pick(result, "bed_height", "outline")
+    assert ("as far apart as the stated ones" not in found.doubtful) == passed
+
+
 def test_a_stated_floor_moves_the_height_by_as_much(tmp_path):
     photo = tmp_path / "bed.png"
     draw(photo)
