@@ -188,6 +188,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
         table.add_section()
     console.print(table)
     console.print(escape(comparison.headline))
+    console.print("[dim]z:[/dim] the difference over its standard uncertainty; beyond the limit the two differ")
     _tell_rest(console, rest, "the report and deviations.csv")
     notes: dict[tuple[str, str], list[str]] = {}
     for row in primary:

@@ -185,12 +185,15 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     place = re.search(r"\(at line (\d+), column (\d+)\)", said)
     line = int(place[1]) if place else text.rstrip().count("\n") + 1
     reason = re.sub(r"\s*\(at .*\)$", "", said)
-    reason = reason.replace("Cannot overwrite a value", "the key or table stands there twice")
+    twice = "the key or table stands there twice"
+    reason = reason.replace("Cannot overwrite a value", twice)
     written = text.split("\n")[line - 1].strip()[:60]
     quoted = "" if lies_outside(path, path.parent) else f" in {written!r}"  # a link would show a file elsewhere
     advice = 'write key = "text" or key = number, one per line.'
     if re.search(r"=\s*-?\d+,\d+\s*(#.*)?$", written):
         advice = "write the number with a decimal point instead of a comma."
+    elif reason == twice:
+        advice = "take one of the two out."
     return f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}){quoted}; {advice}"
 
 

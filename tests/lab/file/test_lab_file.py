@@ -387,6 +387,7 @@ def test_a_slip_of_syntax_is_refused_with_its_line(folder, old, new, on_line):
     message, text = refusal(folder, old, new)
     line = text.count("\n", 0, text.index(on_line)) + 1
     assert f", line {line}: not valid TOML" in message
+    assert message.endswith("take one of the two out.") == ("\n" in new)
 
 
 def test_a_text_that_never_ends_is_refused(folder):
