@@ -305,6 +305,12 @@ def _run(arguments: list[str]) -> int:
     return code if isinstance(code, int) else 0
 
 
+def _engine_without_memory(error: Exception) -> bool:
+    """Whether Taichi, on a processor or a graphics card, was given no memory."""
+    words = r"memory allocation|allocate memory|out of memory"
+    return isinstance(error, RuntimeError) and re.search(words, str(error), re.IGNORECASE) is not None
+
+
 def _reader_left() -> bool:
     """Whether no one reads stdout any more, as in `rigtwin ... | head`."""
     if not hasattr(select, "poll"):  # Windows
@@ -345,14 +351,13 @@ def _fault(error: Exception, as_json: bool, arguments: list[str]) -> int:
         library = str(error).partition(":")[0]
         message = f"{library}: cannot be loaded, for want of memory or because programs may not be run from its folder"
         return _fail("memory", f"{message}; {_less_memory(arguments)}.", 2, as_json)
-    taichi = isinstance(error, RuntimeError) and "memory allocation" in str(error)
-    if isinstance(error, MemoryError) or number == errno.ENOMEM or taichi:
+    if isinstance(error, MemoryError) or number == errno.ENOMEM or _engine_without_memory(error):
         return _fail("memory", f"this does not fit into memory; {_less_memory(arguments)}.", 2, as_json)
     if number == errno.EAGAIN or str(error) == "can't start new thread":  # where memory is short for its stack, too
         message = (
-            "the system gives no further thread, for want of memory or by a limit; close other programs, or raise "
+            "the system gives no further thread, for want of memory or by a limit; close other programs, or raise the "
+            "limit (`ulimit -a` shows it)."
         )
-        message += "the limit (`ulimit -a` shows it)."
         return _fail("memory", message, 2, as_json)
     if isinstance(error, OSError) and (error.filename is not None or number in FULL):  # a folder that cannot be made
         reason = (error.strerror or "cannot be used").lower()
@@ -393,7 +398,7 @@ def _printable(message: str) -> str:
 def _meant(error: Any, context: Any) -> str:
     """The command or option that is near an unknown one; empty where none is, or something else is wrong."""
     if option := getattr(error, "option_name", ""):
-        return near(option, [name for one in context.command.params for name in one.opts])
+        return near(option, [name for one in context.command.get_params(context) for name in one.opts])
     unknown = re.match(UNKNOWN, error.format_message())
     return near(unknown[1], context.command.list_commands(context)) if unknown else ""
 

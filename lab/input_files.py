@@ -10,7 +10,7 @@ import threading
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -24,7 +24,7 @@ DAMAGED = (
 )  # fmt: skip
 """What reading a JSON document or an archive of arrays raises where it is damaged; zipfile raises `RuntimeError` where
 a member is encrypted or compressed in an unknown way, json where brackets are nested too deeply."""
-MOST_SAID = 2**16  # [bytes], of a library's words on stderr that are kept
+LARGEST_CAPTURE = 2**16  # [bytes], of a library's words on stderr that are kept
 MOST_ROWS = 1_000_000  # of a table: an hour at 240 frames per second; as text cells they take about half a gigabyte
 
 
@@ -191,16 +191,26 @@ def captured_stderr() -> Iterator[list[str]]:
             yield lines
             return
         try:
-            with tempfile.TemporaryFile() as file:
+            with _scratch_file() as file:
                 os.dup2(file.fileno(), 2)
                 try:
                     yield lines
                 finally:
                     os.dup2(kept, 2)
                     file.seek(0)
-                    lines += file.read(MOST_SAID).decode(errors="replace").splitlines()
+                    lines += file.read(LARGEST_CAPTURE).decode(errors="replace").splitlines()
         finally:
             os.close(kept)
+
+
+def _scratch_file() -> BinaryIO:
+    """A file without a name, in memory where the system has such files; what is written is lost if none can be made."""
+    with suppress(AttributeError, OSError):
+        return os.fdopen(os.memfd_create("stderr"), "w+b")
+    try:
+        return tempfile.TemporaryFile()
+    except OSError:
+        return Path(os.devnull).open("w+b")
 
 
 def lies_outside(path: Path, folder: Path) -> bool:

@@ -1048,6 +1048,15 @@ def test_what_to_ask_less_of_fits_the_command_that_ran_out_of_memory(arguments, 
     refused(arguments, capfd, advice)
 
 
+@pytest.mark.parametrize("words", ["Virtual memory allocation (1073741824 B) failed.", "CUDA_ERROR: out of memory"])
+def test_an_engine_that_finds_no_memory_is_no_fault_of_rigtwin(words, monkeypatch, capfd):
+    def short_of_memory(*_: object, **__: object) -> None:
+        raise RuntimeError(words)
+
+    monkeypatch.setattr("rigtwin.cli._command", lambda: short_of_memory)
+    refused(["simulate", "drop"], capfd, "does not fit into memory; ask for fewer particles")
+
+
 def test_a_library_that_finds_no_memory_is_no_fault_of_rigtwin(monkeypatch, capfd):
     def not_loaded(*_: object, **__: object) -> None:
         raise ImportError("_ppoly.so: failed to map segment from shared object")

@@ -186,7 +186,8 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
     line = int(place[1]) if place else text.rstrip().count("\n") + 1
     reason = re.sub(r"\s*\(at .*\)$", "", said)
     twice = "the key or table stands there twice"
-    reason = reason.replace("Cannot overwrite a value", twice)
+    if re.search(r"[Cc]annot (overwrite a value|declare .* twice)|[Dd]uplicate inline table key", reason):
+        reason = twice
     written = text.split("\n")[line - 1].strip()[:60]
     quoted = "" if lies_outside(path, path.parent) else f" in {written!r}"  # a link would show a file elsewhere
     advice = 'write key = "text" or key = number, one per line.'

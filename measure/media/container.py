@@ -93,10 +93,13 @@ def open_container(path: Path) -> Iterator[Any]:
         raise
 
 
-def memory_is_there() -> bool:
-    """Whether there is as much memory as FFmpeg gives at most at once."""
+DECODER = 2**28  # [bytes], more than a decoder needs for its pictures
+
+
+def memory_is_there(size: int = 2**31) -> bool:
+    """Whether there is so much memory [bytes]; by default as much as FFmpeg gives at most at once."""
     try:
-        np.empty(2**31, dtype=np.uint8)
+        np.empty(size, dtype=np.uint8)
     except MemoryError:
         return False
     return True

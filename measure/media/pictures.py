@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -25,7 +26,9 @@ from rigtwin.measure.media.picture_size import must_be_small_enough
 Picture = tuple[GreyImage, Callable[[], Image]]
 """Brightness, shape (height, width), and a function that returns the BGR picture, shape (height, width, 3)."""
 
-CORRUPT = "Corrupt JPEG data: "  # begin of libjpeg's words
+CORRUPT = "Corrupt JPEG data: "  # prefix of libjpeg's warnings, of which it prints the first for each picture
+SURPLUS = re.compile(r"(\d+) extraneous bytes before marker 0xd\d")  # within or after the picture data
+MOST_SURPLUS = 16  # [bytes], left there by the encoders of some cameras (assumed); more are left by damaged data
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -92,10 +95,12 @@ def decoded(path: Path, stored: npt.NDArray[np.uint8], kind: int) -> npt.NDArray
         if error.code == NO_MEMORY:
             raise MemoryError from None
         return None
-    # libjpeg fills what it cannot decode with grey; surplus bytes between its parts do no harm
-    damage = [line.removeprefix(CORRUPT) for line in said if line.startswith(CORRUPT) and "extraneous" not in line]
-    if image is not None and damage:
-        raise UnreadableMedia(f"{path}: a part of its picture data is damaged ({damage[0]}); copy it again.")
+    for line in said if image is not None else ():
+        _, found, complaint = line.partition(CORRUPT)
+        surplus = SURPLUS.match(complaint)
+        few = int(surplus[1]) <= MOST_SURPLUS if surplus else "extraneous" in complaint
+        if found and not few:  # libjpeg fills what it cannot decode with grey
+            raise UnreadableMedia(f"{path}: a part of its picture data is damaged ({complaint}); copy it again.")
     return None if image is None else np.asarray(image)
 
 

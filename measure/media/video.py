@@ -21,7 +21,7 @@ from rigtwin.lab.arrays import GreyImage, Image
 from rigtwin.lab.camera import Camera, Moment
 from rigtwin.lab.errors import BadInput, Mark, UnreadableMedia
 from rigtwin.measure.media import pictures
-from rigtwin.measure.media.container import memory_is_there
+from rigtwin.measure.media.container import DECODER, memory_is_there
 from rigtwin.measure.media.sources import source, straightened, without_regions
 from rigtwin.measure.media.time_base import ROUNDED, time_base
 from rigtwin.measure.media.validation import SMALLEST, must_exist, must_fit, must_lie_inside
@@ -148,7 +148,7 @@ class Video:
         return found
 
     def _damaged(self, index: int) -> UnreadableMedia:
-        if not memory_is_there():  # of which some decoders do not tell
+        if not memory_is_there(DECODER):  # some decoders report invalid data then
             raise MemoryError
         return UnreadableMedia(
             f"{self.path}: is damaged after picture {index}; end the measurement before it with --end {index}f."

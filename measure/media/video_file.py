@@ -12,7 +12,7 @@ from typing import Any
 import av
 
 from rigtwin.lab.errors import UnreadableMedia
-from rigtwin.measure.media.container import first_stream, memory_is_there, open_container
+from rigtwin.measure.media.container import DECODER, first_stream, memory_is_there, open_container
 from rigtwin.measure.media.pictures import (
     CUT_OFF,
     DEEP_GREY,
@@ -56,6 +56,8 @@ class Film:
         except (UnreadableMedia, MemoryError):  # av.error.MemoryError is one
             raise
         except Exception as error:  # FFmpeg's, and PyAV's own at metadata and streams that it does not expect
+            if not memory_is_there(DECODER):  # some decoders report invalid data then
+                raise MemoryError from error
             why, advice = reason(error), "give a clip that a video player shows"
             if breaks_off(path):
                 why = "its end with the index is missing: the recording or the copy was broken off"
@@ -125,7 +127,7 @@ class Film:
         except MemoryError:
             raise
         except av.FFmpegError as error:
-            if not memory_is_there():  # of which some decoders do not tell
+            if not memory_is_there(DECODER):  # some decoders report invalid data then
                 raise MemoryError from error
             if len(stamps) < 3:
                 raise

@@ -770,10 +770,10 @@ def _lattice(count: int, box: tuple[Array, Array], pitch: float, phase: Array) -
     """Sites of a cubic lattice of this pitch [m] in a box, for `count` particles, shape (n, 3)."""
     low = box[0] + phase * pitch
     room = float(np.prod(np.maximum(np.ceil((box[1] - low) / pitch), 0)))
-    if not room <= max(MOST_SITES, count):
+    if not room <= max(MOST_SITES, 4 * count):
         raise BadInput(
-            f"the space to fill has room for {room:.2g} particles {1e3 * pitch:.3g} mm apart, and {MOST_SITES:.2g} "
-            f"places at most are searched for {count} of them; check the sizes of the rig and of the particle."
+            f"the space to fill has room for {room:.2g} particles {1e3 * pitch:.3g} mm apart, and 10 million places at "
+            f"most are searched for {count} of them; check the sizes of the rig and of the particle."
         )
     steps = [np.arange(begin, end, pitch) for begin, end in zip(low, box[1], strict=True)]
     return np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -387,7 +387,13 @@ def test_a_slip_of_syntax_is_refused_with_its_line(folder, old, new, on_line):
     message, text = refusal(folder, old, new)
     line = text.count("\n", 0, text.index(on_line)) + 1
     assert f", line {line}: not valid TOML" in message
-    assert message.endswith("take one of the two out.") == ("\n" in new)
+
+
+@pytest.mark.parametrize("twice", ['rig = "pile"\nrig = "pile"', 'rig = "pile"\n[materials.ash]'])
+def test_a_key_or_table_that_stands_twice_is_to_be_taken_out(folder, twice):
+    message, _ = refusal(folder, 'rig = "pile"', twice)
+    assert "the key or table stands there twice" in message
+    assert message.endswith("take one of the two out.")
 
 
 def test_a_text_that_never_ends_is_refused(folder):

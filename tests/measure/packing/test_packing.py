@@ -791,7 +791,7 @@ def test_a_stated_floor_is_held_against_the_foot_of_the_grains(tmp_path, lower, 
     assert (f"check --floor {camera.floor:g}" in found.doubtful) != passed
 
 
-@pytest.mark.parametrize(("inwards", "passed"), [(0.0, True), (2.5e-3, False), (-2.5e-3, False)])
+@pytest.mark.parametrize(("inwards", "passed"), [(0.0, True), (2.5e-3, False)])
 def test_stated_walls_are_held_against_those_that_are_seen(tmp_path, inwards, passed):
     photo = tmp_path / "bed.png"
     draw(photo, gauge=False)
