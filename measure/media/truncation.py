@@ -64,8 +64,10 @@ def _boxes_break_off(file: BinaryIO, size: int) -> bool:
 def _segment_breaks_off(file: BinaryIO, size: int) -> bool:
     """Matroska: a header, then one segment."""
     file.seek(len(MATROSKA))
-    head = _number(file)
-    file.seek(head or 0, 1)
+    head = _number(file) or 0
+    if file.tell() + head > size:
+        return True
+    file.seek(head, 1)
     if file.read(4) != SEGMENT:
         return False
     length = _number(file)

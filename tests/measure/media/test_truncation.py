@@ -52,6 +52,12 @@ def test_a_video_cut_within_the_boxes_before_a_fragment_is_truncated(tmp_path: P
         assert breaks_off(cut)
 
 
+def test_a_film_whose_header_is_longer_than_any_file_is_truncated(tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mkv"
+    cut.write_bytes(b"\x1a\x45\xdf\xa3" + b"\x01" + b"\x7f" * 7 + bytes(64))
+    assert breaks_off(cut)
+
+
 def test_data_appended_by_a_camera_need_not_be_a_box(tmp_path: Path) -> None:
     plain = tmp_path / "plain.mp4"
     with av.open(str(plain), "w") as container:
