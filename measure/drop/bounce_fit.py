@@ -124,7 +124,8 @@ class Bounces:
             before = after
         parts["tracking"] = math.sqrt(max(before, 0.0))
         # change of the reading per change of the drag, with the other parameters fitted again
-        follows = float(gradient @ self.covariance[:, -1]) / float(self.covariance[-1, -1])
+        variance = float(self.covariance[-1, -1])
+        follows = float(gradient @ self.covariance[:, -1]) / variance if variance > 0 else 0.0
         drag = self.model.drag
         strength = 1.0 if drag.known else float(self.parameters[-1])
         unlike = abs(follows * strength) * (DRAG if drag.diameter is not None else DRAG_FORM)
