@@ -152,7 +152,7 @@ class Deviation:
 
     @property
     def z_limit(self) -> float | None:
-        """Limit of abs(z), from which on the two values differ."""
+        """Limit of abs(z) beyond which the two values differ."""
         return None if self.coverage_factor is None else _limit(self.coverage_factor)
 
     def row(self) -> dict[str, Any]:

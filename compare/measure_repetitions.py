@@ -269,11 +269,16 @@ def measuring(
     kept = KeptMeasurements(out)
     named = {one.id for one in (experiments if only is None else only)}
     wanted = {k for k, (experiment, *_) in enumerate(jobs) if experiment.id in named}
-    keys = {}
-    for k, (experiment, views, folder) in enumerate(jobs):
-        with suppress(*() if k in wanted else (OSError,)):  # of those that are not named none need be there
-            if k in wanted or kept.any:
-                keys[k] = kept.key(experiment, views, known(experiment), folder)
+
+    def key_of_job(k: int) -> str:
+        experiment, views, folder = jobs[k]
+        return kept.key(experiment, views, known(experiment), folder)
+
+    keys = {k: key_of_job(k) for k in wanted}
+    for k in range(len(jobs)) if kept.any else ():
+        if k not in wanted:
+            with suppress(OSError):  # the media of experiments that are not named may be missing
+                keys[k] = key_of_job(k)
     before = {k: None if again and k in wanted else kept.find(key, jobs[k][1]) for k, key in keys.items()}
     # the views of a pile are one long job: start it first, so that the others run beside it
     new = sorted((k for k in wanted if before[k] is None), key=lambda k: -len(jobs[k][1]))
