@@ -115,24 +115,20 @@ def cheapest_borders(evidence: Array, borders: Array, edge_reward: float) -> Arr
     above = np.cumsum(gain, axis=1) - gain
     cost = np.ascontiguousarray(np.moveaxis(2 * above - total - edge_reward * borders, -1, 0))
     width, readings, count = cost.shape
-    step = 0.15 * np.arange(count)
-    best = cost[0]
-    came_from = np.zeros(cost.shape, dtype=np.int32)
-    index = np.arange(count, dtype=np.int32)
+    index, per_row = np.arange(count), 0.15
+    steps = per_row * index
+    best = np.empty_like(cost)
+    best[0] = cost[0]
     for column in range(1, width):
-        down, up = best - step, best + step
-        least_down = np.minimum.accumulate(down, axis=1)
-        least_up = np.minimum.accumulate(up[:, ::-1], axis=1)[:, ::-1]
-        from_down = np.maximum.accumulate(np.where(down <= least_down, index, 0), axis=1)
-        from_up = np.minimum.accumulate(np.where(up <= least_up, index, count - 1)[:, ::-1], axis=1)[:, ::-1]
-        use_down = least_down + step <= least_up - step
-        came_from[column] = np.where(use_down, from_down, from_up)
-        best = np.where(use_down, least_down + step, least_up - step) + cost[column]
+        before = best[column - 1]
+        from_above = np.minimum.accumulate(before - steps, axis=1) + steps
+        from_below = np.minimum.accumulate((before + steps)[:, ::-1], axis=1)[:, ::-1] - steps
+        np.add(np.minimum(from_above, from_below), cost[column], out=best[column])
     border = np.empty((readings, width))
-    row = np.argmin(best, axis=1)
-    for column in range(width - 1, -1, -1):
-        border[:, column] = row
-        row = came_from[column, np.arange(readings), row]
+    border[:, -1] = np.argmin(best[-1], axis=1)
+    for column in range(width - 1, 0, -1):
+        stepped = per_row * np.abs(index - border[:, column, None])
+        border[:, column - 1] = np.argmin(best[column - 1] + stepped, axis=1)
     return border
 
 
