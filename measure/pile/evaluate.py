@@ -189,6 +189,11 @@ def _angles(
     return angles
 
 
+def from_above(looking_down: float, grains_across: float) -> float:
+    """Standard uncertainty [deg] of a flank's angle where the camera looks down [deg] on a base of so many grains."""
+    return FROM_ABOVE * abs(looking_down) * min(1.0, FEW_GRAINS / grains_across)
+
+
 def _quantities_of_view(
     seen: Observation, heap: repose_angles.Heap, base_diameter: float | None, grain: float | None
 ) -> list[Quantity]:
@@ -213,8 +218,8 @@ def _quantities_of_view(
         }
         budget |= _definition_uncertainty(heap, grainy, angles, name, method, side)
         if name == GRAPHICAL:
-            share = (BOTH_FLANKS if side == "mean" else 1.0) * min(1.0, FEW_GRAINS * heap.grain / heap.base_width)
-            budget["view from above"] = FROM_ABOVE * share * abs(seen.looking_down)
+            share = BOTH_FLANKS if side == "mean" else 1.0
+            budget["view from above"] = share * from_above(seen.looking_down, heap.base_width / heap.grain)
         if name == GEOMETRIC and side == "mean" and base_diameter is not None and seen.profile.base is None:
             # change of atan(2 H / B) or atan(4 S / B^2) by an error of the scale: H and S are measured, B is stated
             slant = math.sin(2 * math.radians(angle)) * (0.5 if method == "apex" else 1.0)

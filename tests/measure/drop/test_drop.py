@@ -405,6 +405,22 @@ def test_a_tracked_record_is_evaluated_and_plotted(tmp_path):
     assert list(result.files) == ["plot"]
 
 
+def test_a_table_with_damaged_digits_that_leave_the_drag_without_variance_is_doubtful(tmp_path):
+    time = np.round(np.arange(70) / FPS, 6)
+    contact = math.sqrt(2 * 0.05 / G) * np.array([0.0, 1.0, 2.4, 3.38])
+    first, second, third = (np.arange(70) / FPS - begins for begins in contact[:3])
+    flights = [0.05 - G / 2 * first**2]
+    flights += [since * (G * contact[1] * speed - G / 2 * since) for since, speed in ((second, 0.7), (third, 0.49))]
+    height = np.round(np.select([second < 0, third < 0], flights[:2], flights[2]), 6)
+    across = np.zeros(70)
+    height[29], across[55] = 0.00167415, 0.000864944
+    rows = "\n".join(f"{t:.6f},{x!r},{z!r}" for t, x, z in zip(time, across.tolist(), height.tolist(), strict=True))
+    (tmp_path / "r01.csv").write_text(f"time_s,x_m,y_m\n{rows}\n")
+    result = drop_measurement.measure(tmp_path / "r01.csv", Camera())
+    assert result.quantities
+    assert all("times the noise of the track" in one.doubtful for one in result.quantities)
+
+
 # -------------------------------------------------------------------------------------------------------------- clips
 
 
