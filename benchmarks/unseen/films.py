@@ -114,7 +114,7 @@ def tilt(rng: np.random.Generator) -> Film:
     waits = rng.uniform(0.2, 0.6)
     begins = waits + (onset - first) / speed
     place = length * rng.uniform(0.5, 0.85)
-    kept = math.tan(math.radians(onset)) * (rng.uniform(0.5, 0.9) if rolls else rng.uniform(0.8, 0.97))
+    kept = math.tan(math.radians(onset)) * (1.0 if rolls else rng.uniform(0.8, 0.97))
     inertia = 5 / 7 if rolls else 1.0
 
     def angle(time: float) -> float:

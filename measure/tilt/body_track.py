@@ -118,7 +118,7 @@ def find_body(
         stack = _uncovered(stack, covered > 0.01)
     noise = _grain(stack)
     surface = float(upper - arm.across[rows[0]])
-    changed = _changed_in_scene(arm, frames, numbers, stack, rows, columns)
+    changed = _changed_in_scene(arm, frames, numbers, rows, columns)
     gone = [blob for split in range(FEWEST, len(numbers)) for blob in _gone(stack, changed, split, noise, surface)]
     if seed is not None:
         along, _ = arm.place(seed.at, seed.frame)
@@ -180,7 +180,6 @@ def _changed_in_scene(
     arm: Arm,
     frames: Mapping[int, FloatImage],
     numbers: Sequence[int],
-    stack: npt.NDArray[np.float32],
     rows: npt.NDArray[np.int64],
     columns: npt.NDArray[np.int64],
 ) -> npt.NDArray[np.float32]:
@@ -192,14 +191,18 @@ def _changed_in_scene(
     smooth = {n: np.asarray(cv2.GaussianBlur(frames[n], (0, 0), 1.0), dtype=np.float32) for n in numbers}
     along, across = np.meshgrid(arm.along[columns], arm.across[rows])
     upper = min(edge.row for edge in arm.edges)
-    answer = np.full((len(stack), *stack.shape), np.nan, dtype=np.float32)
+    answer = np.full((len(numbers), len(numbers), *along.shape), np.nan, dtype=np.float32)
+    around = np.ones((3, 3), np.uint8)
     for k, n in enumerate(numbers):
-        for m in range(k + 1, len(stack)):
+        here = arm.cut(smooth[n], arm.directions[n], arm.along[columns], arm.across[rows])
+        for m in range(k + 1, len(numbers)):
             turn = arm.directions[n] - arm.directions[numbers[m]]
             # the average takes in no plate
             above = along * math.sin(turn) + across * math.cos(turn) < upper - 1 - WINDOW // 2
             seen = arm.cut(smooth[numbers[m]], arm.directions[n], arm.along[columns], arm.across[rows])
-            change = cv2.blur(np.abs(seen - stack[k]), (WINDOW, WINDOW))
+            # edges of the background are met to a pixel
+            low, high = cv2.erode(seen, around), cv2.dilate(seen, around)
+            change = cv2.blur(np.maximum(np.maximum(low - here, here - high), 0), (WINDOW, WINDOW))
             answer[k, m] = np.where(above, change, np.nan)
     return answer
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from rigtwin.lab.arrays import Array, FloatImage, GreyImage
+from rigtwin.lab.arrays import Array, FloatImage, GreyImage, Mask
 from rigtwin.lab.camera import STATED_SIGMA, Line, Point
 from rigtwin.measure.geometry.lines import fullest_run, gradient, straight
 from rigtwin.measure.robust import MAD_TO_STD, mad_std
@@ -32,6 +32,7 @@ STATED_REACH = 4 * STATED_SIGMA  # [px], distance of an edge from the stated sur
 STATED_TURN = math.radians(1.5)  # largest angle of the plate against its stated surface in the first sample frame
 REACH = 4  # [px], rows on each side of an edge that are compared
 PARALLEL = math.radians(0.35)  # largest angle between edges of the arm
+ASLANT = math.tan(math.radians(6))  # slope of a pixel's edge beyond which it belongs to no edge of the arm
 NOT_PARALLEL = math.radians(0.025)  # standard deviation of the angle between edges of an arm
 
 
@@ -146,7 +147,7 @@ def find_arm(frames: dict[int, FloatImage], plate: Line | None = None) -> Arm | 
     pivot = _pivot(votes, path, width, height)
     if pivot is None:
         return None
-    return _picture_of(dict(zip(numbers, directions.tolist(), strict=True)), pivot, frames, plate)
+    return _picture_of(dict(zip(numbers, directions.tolist(), strict=True)), pivot, frames, plate, _swept(pictures))
 
 
 def arm_at_rest(frames: dict[int, FloatImage], plate: Line) -> Arm | None:
@@ -256,10 +257,27 @@ def _pivot(votes: Sequence[Array], path: npt.NDArray[np.int64], width: int, heig
     return pivot
 
 
+def _swept(pictures: Sequence[FloatImage]) -> Mask:
+    """Where something moves, and what is near to that: an arm that turns little lies beside what it sweeps."""
+    smooth = np.stack([cv2.GaussianBlur(picture, (0, 0), 1.5) for picture in pictures])
+    change = np.percentile(smooth, 95, axis=0) - np.percentile(smooth, 5, axis=0)
+    moves = cv2.morphologyEx(
+        (change > 4 * np.median(change) + 4).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+    )
+    return np.asarray(cv2.dilate(moves, np.ones((4 * REACH + 1, 4 * REACH + 1), np.uint8)) > 0)
+
+
 def _picture_of(
-    directions: dict[int, float], pivot: tuple[float, float], frames: dict[int, FloatImage], plate: Line | None
+    directions: dict[int, float],
+    pivot: tuple[float, float],
+    frames: dict[int, FloatImage],
+    plate: Line | None,
+    swept: Mask | None = None,
 ) -> Arm | None:
-    """Median picture of the arm from sample frames turned back; the pivot is refined meanwhile."""
+    """Median picture of the arm from sample frames turned back; the pivot is refined meanwhile.
+
+    Edges are searched where the scene is `swept`; None: everywhere.
+    """
     width = next(iter(frames.values())).shape[1]
     numbers = sorted(frames)
     along = np.arange(-width, width, dtype=np.float64)
@@ -275,7 +293,11 @@ def _picture_of(
     for turn in range(4):
         cuts = [turned_back(frames[n], pivot, directions[n], along, across) for n in numbers]
         middle, noise = _still(np.stack(cuts))
-        edges, span = _edges(middle, noise, along, across, width), None
+        near = np.ones_like(middle)
+        if swept is not None:
+            parts = [turned_back(swept.astype(np.float32), pivot, directions[n], along, across) for n in numbers]
+            near = np.median(parts, axis=0)
+        edges, span = _edges(middle, noise, near > 0.5, along, across, width), None
         if plate is not None:
             ends = [in_arm(end, pivot, directions[numbers[0]]) for end in plate]
             surface = float(np.mean([row for _, row in ends]))
@@ -326,13 +348,19 @@ def _still(stack: npt.NDArray[np.float32]) -> tuple[FloatImage, FloatImage]:
     return middle, np.asarray(cv2.blur(scatter, (5, 3)) + np.float32(0.5), dtype=np.float32)
 
 
-def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, width: int) -> tuple[Edge, ...]:
-    """Straight edges along the arm: rows with a gradient across it over a long range of columns."""
+def _edges(
+    middle: FloatImage, noise: FloatImage, near: Mask, along: Array, across: Array, width: int
+) -> tuple[Edge, ...]:
+    """Straight edges along the arm: rows with a gradient across it over a long range of columns; `near` what moves."""
     smooth = cv2.GaussianBlur(middle, (0, 0), sigmaX=2.0, sigmaY=1.0)
     change = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
+    aslant = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32)
     clear = np.abs(change) > np.maximum(0.25 * noise, 0.6)
-    signed = np.where(clear, np.clip(change, -8, 8), 0.0)
-    strength = np.abs(cv2.blur(signed, (1, 3)).sum(axis=1)) / len(along)
+    # what stands still in the scene lies at an angle to the arm
+    clear &= near & (np.abs(aslant) < ASLANT * np.abs(change) + 0.3)
+    # before a scene with light and dark parts one edge of the arm is a rise here and a fall there
+    steep = np.where(clear, np.minimum(np.abs(change), 8), 0.0)
+    strength = cv2.blur(steep, (1, 3)).sum(axis=1) / len(along)
     strength[: REACH + 3] = strength[-REACH - 3 :] = 0.0
     found: list[Edge] = []
     order = np.argsort(-strength)
@@ -341,7 +369,7 @@ def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, w
             break
         if any(abs(across[row] - edge.row) < 2 * REACH - 2 for edge in found):
             continue
-        edge = _edge_at(int(row), change, signed, along, across, width)
+        edge = _edge_at(int(row), steep, along, across, width)
         if edge is not None:
             found.append(edge)
     slopes = np.array([edge.slope for edge in found])
@@ -351,11 +379,10 @@ def _edges(middle: FloatImage, noise: FloatImage, along: Array, across: Array, w
     return tuple(edge for edge, slope in zip(found, slopes, strict=True) if abs(slope - leader) < PARALLEL)
 
 
-def _edge_at(row: int, change: FloatImage, signed: Array, along: Array, across: Array, width: int) -> Edge | None:
+def _edge_at(row: int, steep: Array, along: Array, across: Array, width: int) -> Edge | None:
     """The edge near a row, with its range of columns and its slope; None if it is too short."""
     band = slice(row - 3, row + 4)
-    sign = 1.0 if signed[row - 1 : row + 2].sum() > 0 else -1.0
-    support = np.max(sign * signed[band], axis=0)
+    support = np.max(steep[band], axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
     run = fullest_run(covered, gap=max(12, width // 12))
     if run is None or run[1] - run[0] < SHORTEST * width:
@@ -364,13 +391,13 @@ def _edge_at(row: int, change: FloatImage, signed: Array, along: Array, across: 
     columns = columns[covered[columns]]
     if len(columns) < 0.4 * (run[1] - run[0]):
         return None
-    weight = np.maximum(sign * change[band, columns].astype(np.float64), 0) ** 2
+    weight = steep[band, columns] ** 2
     rows = across[band][:, None]
     centre = (weight * rows).sum(axis=0) / (weight.sum(axis=0) + 1e-9)
     line, _, kept = straight(along[columns], centre, weight.sum(axis=0))
     if kept < 0.5:
         return None
-    mean = float(np.mean(np.abs(change[band, columns]).max(axis=0)))
+    mean = float(np.mean(support[columns]))
     return Edge(float(across[row]), run[0], run[1], float(line[1]), mean)
 
 
