@@ -14,6 +14,7 @@ from rigtwin.lab.arrays import Array, FloatImage
 from rigtwin.measure.robust import mad_std
 
 STEP = math.radians(0.1)  # angular resolution of the Hough transform
+MOST_TURNS, SETTLED = 20, 0.02  # of the sub-pixel refinement, which ends when the line moves by less [px]
 
 
 @dataclass(frozen=True)
@@ -106,13 +107,17 @@ def _laid(change: FloatImage, angle: float, row: float, shortest: float) -> Line
     x = np.arange(4.0, width - 4.0)
     reach = np.arange(-4.0, 5.0)
     offset, slope = row, math.tan(angle)
-    for turn in range(3):
+    # of an edge out of focus the band holds a part only, whose centroid is too near to the middle of the band
+    moved = math.inf
+    for within in (4,) * MOST_TURNS + (3, 2):
+        if within == 4 and moved < SETTLED:
+            continue
         y = offset + (x - width / 2) * slope
         columns = np.broadcast_to(x, (len(reach), len(x))).astype(np.float32)
         band = cv2.remap(
             change, columns, (y[None, :] + reach[:, None]).astype(np.float32), cv2.INTER_LINEAR, borderValue=0.0
         )
-        near = np.abs(reach) <= (4, 3, 2)[turn]
+        near = np.abs(reach) <= within
         weight = np.maximum(band[near], 0).astype(np.float64) ** 2
         power = weight.sum(axis=0)
         top = math.sqrt(float(np.percentile(power, 90))) + 1e-9
@@ -127,6 +132,7 @@ def _laid(change: FloatImage, angle: float, row: float, shortest: float) -> Line
         if kept < 0.55 or len(inside) < 0.5 * (run[1] - run[0]):
             return None
         offset, slope = offset + constant, slope + lean
+        moved = abs(constant) + abs(lean) * width / 2
         span = x[run[0]], x[run[1]]
     ends = [(float(end), offset + (float(end) - width / 2) * slope) for end in span]
     return Line(ends[0], ends[1], sigma, float(np.median(np.sqrt(power[inside]))))
