@@ -28,6 +28,7 @@ from rigtwin.measure.tracking.link import path_marks
 Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # [bead diameters], minimum jump from the hitting bead to the one that is hit
+LEAST_WAY = 1.5  # [bead diameters], least way of a bead that falls or leaves
 MOST_MEETINGS = 8  # number of candidate collisions with the highest scores that are verified in the film
 COMPARABLE = 0.4  # minimum score of a candidate over the best one
 HUNG = 0.5  # minimum change at B's rest position over the contrast of the beads
@@ -38,6 +39,7 @@ INNER = 0.7  # share of a bead's radius within which all pixels show the bead
 ONE_SIDED = 0.6  # minimum |mean difference| over mean |difference| from the scene for a bead of known contrast
 MANY = 20_000  # number of pixels that is enough for the median of a picture
 SHORTEST_HALF = 0.1  # [s], minimum half period: that of a thread of 10 mm
+LAST = 8  # [frames], before and after a hit, in which the speeds are sought
 LOST = 4  # [frames] without detection after which a path has ended
 
 
@@ -83,6 +85,19 @@ class Path:
         if one == other:
             return np.zeros(2)
         return np.asarray((self.places[other] - self.places[one]) / (self.frames[other] - self.frames[one]))
+
+    def arriving(self) -> Array:
+        """Largest mean velocity [px/frame] over a few of the last frames.
+
+        A bead gains speed until it hits, but is hardly seen before the place at which it hangs for long afterwards.
+        """
+        ends = range(max(len(self.frames) - LAST, 4), len(self.frames) + 1)
+        return max((self.part(0, end).velocity(at_end=True) for end in ends), key=lambda one: float(np.hypot(*one)))
+
+    def leaving(self) -> Array:
+        """Median velocity [px/frame] over the first frames, in some of which two beads appear as one spot."""
+        frames, places = np.array(self.frames[:LAST]), np.array(self.places[:LAST])
+        return np.asarray(np.median(np.diff(places, axis=0) / np.diff(frames)[:, None], axis=0))
 
 
 @dataclass(frozen=True)
@@ -264,19 +279,14 @@ def find_collision(
     candidate is taken for which `shown` confirms in the film that a bead hung there; else the first one.
     Raises `NothingToMeasure` if there is none; `stated_length` [m] of the pendulum is used in its message.
     """
-    moving = [path for path in paths if path.extent > 3 * float(np.median(path.sizes))]
+    moving = [path for path in paths if path.extent > LEAST_WAY * float(np.median(path.sizes))]
     meetings = _meetings([with_beginning(path, paths) for path in moving], moving)
     if not meetings and in_pieces:
         meetings = _meetings_of_pieces(paths)
     if not meetings and not moving:
         raise no_swing(paths, video)
     if not meetings:
-        but = "no path begins in the direction in which another one arrives there"
-        must = (
-            "show the released bead, the hanging bead and their collision: leave out what else moves with --start, "
-            "--end or --region."
-        )
-        raise no_meeting(moving, video, stated_length, but, must)
+        raise no_hit(moving, video, stated_length)
     collisions = [_collision(fall, rise, paths) for fall, rise in meetings[:MOST_MEETINGS]]
     return next((collision for collision in collisions if shown(collision)), collisions[0])
 
@@ -326,8 +336,8 @@ def no_swing(paths: list[Path], video: Video) -> NothingToMeasure:
     """The refusal of a clip in which nothing moves far."""
     found = f"none of the {len(paths)} moving objects that were followed" if paths else "nothing"
     return NothingToMeasure(
-        f"{video.path}: {found} (frames {video.first} to {video.last}) moves by more than 3 times its size; show the "
-        f"release and the hit, or move --start, --end or --region to them{by_bits(video)}.",
+        f"{video.path}: {found} (frames {video.first} to {video.last}) moves by more than {LEAST_WAY} times its size; "
+        f"show the release and the hit, or move --start, --end or --region to them{by_bits(video)}.",
         Seen(marks=marks_of(paths)),
     )
 
@@ -340,6 +350,16 @@ def no_meeting(moving: list[Path], video: Video, stated_length: float | None, bu
         f"{but}{lone}; the clip must {must}",
         Seen(marks=marks_of(moving)),
     )
+
+
+def no_hit(moving: list[Path], video: Video, stated_length: float | None) -> NothingToMeasure:
+    """The refusal of a clip in which no bead hits another one."""
+    but = "no path begins in the direction in which another one arrives there"
+    must = (
+        "show the released bead, the hanging bead and their collision: leave out what else moves with --start, "
+        "--end or --region."
+    )
+    return no_meeting(moving, video, stated_length, but, must)
 
 
 def marks_of(paths: list[Path]) -> tuple[Mark, ...]:
@@ -381,7 +401,7 @@ def _meeting(fall: Path, rise: Path) -> float:
     wait = rise.frames[0] - fall.frames[-1]
     if not -3 <= wait <= 3 * LOST or len(fall.frames) < 6:
         return 0.0
-    arriving, leaving = fall.velocity(at_end=True), rise.velocity(at_end=False)
+    arriving, leaving = fall.arriving(), rise.leaving()
     speed = float(np.hypot(*arriving))
     size = float(np.median([*fall.sizes, *rise.sizes]))
     if not 0.55 < float(np.median(fall.sizes)) / float(np.median(rise.sizes)) < 1.8:

@@ -31,6 +31,7 @@ from rigtwin.measure.pendulum.find_collision import (
     hanging_place,
     hung,
     marks_of,
+    no_hit,
     weight_of,
 )
 from rigtwin.measure.scene.background import Background, frames_of
@@ -43,6 +44,7 @@ from rigtwin.measure.tracking.link import SpotPath
 from rigtwin.measure.tracking.refine import common_look, fit_bead
 
 SPARSER = (4, 16)  # frame steps that are tried if neighbouring frames are too similar to show a collision
+LIGHT = 0.4  # least weight of two paths that meet over that of the heaviest path
 FEWEST = 60  # minimum number of such frames in a clip
 SAMPLES = 21  # number of frames from which the background is learnt
 
@@ -143,9 +145,13 @@ def _collision(
             except NothingToMeasure as error:
                 refused = refused or error  # keep the first message: its period is based on all frames
                 continue
-            if found.weight > max(weight_of(path) for path in seen[every]):
+            heaviest = max(weight_of(path) for path in seen[every])
+            if found.weight > heaviest:
                 return found
-            # some other path has a larger weight, possibly that of the beads
+            # some other path has a larger weight, possibly that of the beads; what is much lighter are parts of threads
+            if found.weight < LIGHT * heaviest:
+                refused = refused or no_hit(seen[every], video, stated_length)
+                continue
             if best is None or found.weight > best.weight:
                 best = found
         if best is not None:
