@@ -147,7 +147,12 @@ def find_arm(frames: dict[int, FloatImage], plate: Line | None = None) -> Arm | 
     pivot = _pivot(votes, path, width, height)
     if pivot is None:
         return None
-    return _picture_of(dict(zip(numbers, directions.tolist(), strict=True)), pivot, frames, plate, _swept(pictures))
+    turned = dict(zip(numbers, directions.tolist(), strict=True))
+    arm = _picture_of(turned, pivot, frames, plate, _swept(pictures))
+    if arm is not None and float(np.ptp(list(arm.directions.values()))) >= LEAST_TURN:
+        return arm
+    # what moves may be the body alone, on a plate at rest
+    return _picture_of(turned, pivot, frames, plate)
 
 
 def arm_at_rest(frames: dict[int, FloatImage], plate: Line) -> Arm | None:
@@ -359,8 +364,8 @@ def _edges(
     # what stands still in the scene lies at an angle to the arm
     clear &= near & (np.abs(aslant) < ASLANT * np.abs(change) + 0.3)
     # before a scene with light and dark parts one edge of the arm is a rise here and a fall there
-    steep = np.where(clear, np.minimum(np.abs(change), 8), 0.0)
-    strength = cv2.blur(steep, (1, 3)).sum(axis=1) / len(along)
+    steep = np.where(clear, np.abs(change), 0.0)
+    strength = cv2.blur(np.minimum(steep, 8), (1, 3)).sum(axis=1) / len(along)
     strength[: REACH + 3] = strength[-REACH - 3 :] = 0.0
     found: list[Edge] = []
     order = np.argsort(-strength)

@@ -2,7 +2,7 @@
 
     python training/grain_classes/train.py FOLDER --minutes 60 --out grain_classes.onnx
 
-A small U-Net.  With `--start` it goes on from a network that was trained before.  One of ten pairs of pictures is held out, and their intersection over union of each class is
+A small U-Net.  One of ten groups of five pictures is held out, and their intersection over union of each class is
 printed.  The state is kept in `FOLDER/state.pt` after every round, so that an interrupted run goes on; pictures that
 were added meanwhile are used from the next round on.
 """
@@ -18,7 +18,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
-import onnx
 import torch
 from render import CLASSES
 from torch import nn
@@ -27,8 +26,8 @@ from torch.nn import functional
 WIDTH, HEIGHT = 288, 224  # [px] of the parts of pictures that are shown to the network
 BATCH = 12
 UPRIGHT = 0.25  # share of the batches that are shown as upright pictures
-RATE, DECAY = 2.5e-3, 0.02  # largest step size of a network that begins anew, and weight decay, of AdamW
-HELD_OUT = 10  # one of ten pairs of pictures, a heap and a bed
+RATE, DECAY = 2.5e-3, 0.02  # largest step size and weight decay of AdamW
+HELD_OUT = 10  # one of ten groups of five pictures, three heaps and two beds
 SHARE = 0.995  # of the old mean in the running mean of the weights
 
 Picture = npt.NDArray[np.uint8]
@@ -78,41 +77,6 @@ class Net(nn.Module):
         return self.last(x)
 
 
-def restored(net: Net, path: Path, shown: torch.Tensor) -> None:
-    """Give `net` the weights of a network that `export` wrote.
-
-    That has its batch normalisations within its convolutions.  They are taken apart so that `net` answers the same
-    for the pictures `shown`.
-    """
-    graph = onnx.load(path).graph
-    values = {one.name: torch.from_numpy(onnx.numpy_helper.to_array(one).copy()) for one in graph.initializer}
-    folded = [[values[name] for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
-    bias = torch.zeros(0)
-
-    def take(module: nn.Module, seen: tuple[torch.Tensor, ...]) -> None:
-        nonlocal bias
-        if isinstance(module, nn.Conv2d):
-            weight, bias = folded.pop(0)
-            module.weight.copy_(weight)
-            if module.bias is not None:
-                module.bias.copy_(bias)
-        elif isinstance(module, nn.BatchNorm2d):
-            variance, mean = torch.var_mean(seen[0], (0, 2, 3), correction=0)
-            module.running_mean.copy_(mean)
-            module.running_var.copy_(variance)
-            module.weight.copy_(torch.sqrt(variance + module.eps))
-            module.bias.copy_(mean + bias)
-
-    hooks = [module.register_forward_pre_hook(take) for module in net.modules()]
-    net.eval()
-    with torch.no_grad():
-        net(shown)
-    net.train()
-    for hook in hooks:
-        hook.remove()
-    assert not folded, f"{path} has other convolutions than this network"
-
-
 def varied(
     picture: Picture, kinds: Picture, rng: np.random.Generator, size: tuple[int, int] = (WIDTH, HEIGHT)
 ) -> tuple[Picture, Picture]:
@@ -160,7 +124,7 @@ def varied(
 
 
 def held_out(path: Path) -> bool:
-    return int(path.stem) // 2 % HELD_OUT == 0
+    return int(path.stem) // 5 % HELD_OUT == 0
 
 
 def read(paths: list[Path], known: dict[Path, tuple[Picture, Picture]]) -> list[tuple[Picture, Picture]]:
@@ -211,18 +175,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--round", type=int, default=40, help="steps between two looks at the held-out pictures")
-    parser.add_argument("--start", type=Path, help="ONNX file of a network to go on from")
-    parser.add_argument("--rate", type=float, default=RATE, help="largest step size")
     parser.add_argument("--out", type=Path, default=Path("grain_classes.onnx"))
     asked = parser.parse_args()
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
-    net, known = Net().to(memory_format=torch.channels_last), dict[Path, tuple[Picture, Picture]]()
-    if asked.start is not None:
-        some = read(sorted(asked.folder.glob("*.png"))[:48], known)
-        restored(net, asked.start, tensors([varied(*pair, rng) for pair in some])[0])
+    net = Net().to(memory_format=torch.channels_last)
     mean = copy.deepcopy(net)
-    climb = torch.optim.AdamW(net.parameters(), lr=asked.rate, weight_decay=DECAY)
+    climb = torch.optim.AdamW(net.parameters(), lr=RATE, weight_decay=DECAY)
     state, spent, steps = asked.folder / "state.pt", 0.0, 0
     if state.exists():
         kept = torch.load(state, weights_only=False)
@@ -231,6 +190,7 @@ def main() -> None:
         climb.load_state_dict(kept["climb"])
         spent, steps = kept["spent"], kept["steps"]
         rng = np.random.default_rng(steps)
+    known: dict[Path, tuple[Picture, Picture]] = {}
     weight = torch.tensor([1.0, 1.0, 1.5, 1.0]).view(1, -1, 1, 1)
     while spent < 60 * asked.minutes:
         begun, total = time.monotonic(), 0.0
@@ -240,7 +200,7 @@ def main() -> None:
             share = (spent + time.monotonic() - begun) / (60 * asked.minutes)
             for group in climb.param_groups:
                 group["lr"] = (
-                    asked.rate * min(1.0, (steps + 1) / 60) * max(0.5 * (1 + math.cos(math.pi * min(share, 1))), 0.01)
+                    RATE * min(1.0, (steps + 1) / 60) * max(0.5 * (1 + math.cos(math.pi * min(share, 1))), 0.01)
                 )
             size = (HEIGHT, WIDTH) if rng.random() < UPRIGHT else (WIDTH, HEIGHT)
             picture, kinds = tensors([varied(*shown[k], rng, size) for k in rng.integers(len(shown), size=BATCH)])
