@@ -22,6 +22,7 @@ from rigtwin.measure.geometry.circle import fit_circle
 from rigtwin.measure.pendulum.swing_model import Swings, angles, pivots, positions, states_at_collision
 from rigtwin.measure.robust import autocorrelation_factor, mad_std
 
+NOWHERE = 1e9  # [standard deviations], of a point from a swing that has no position there
 SETTLED = 0.02  # relative change of the noise below which its iteration has converged
 MOST_LAGS = 25  # at which the autocorrelation of residuals is summed
 
@@ -447,7 +448,8 @@ def _misses(swings: Swings, data: _Data) -> Array:
     for bead, place in enumerate(data.stated.places[: swings.beads]):
         away = (pivots(swings)[bead, 0] - np.array(place)) / data.stated.sigma
         rows += [away[None, :, 0], away[None, :, 1]]
-    return np.concatenate(rows)
+    # a diverging swing has no position; without a number the fit would go on from parameters that are none
+    return np.nan_to_num(np.concatenate(rows), nan=NOWHERE, posinf=NOWHERE, neginf=-NOWHERE)
 
 
 def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array]:
