@@ -269,7 +269,7 @@ def _swept(pictures: Sequence[FloatImage]) -> Mask:
     moves = cv2.morphologyEx(
         (change > 4 * np.median(change) + 4).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     )
-    return np.asarray(cv2.dilate(moves, np.ones((4 * REACH + 1, 4 * REACH + 1), np.uint8)) > 0)
+    return np.asarray(cv2.dilate(moves, np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8)) > 0)
 
 
 def _picture_of(
