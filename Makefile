@@ -69,10 +69,12 @@ bench-footage: $(READY)
 	$(BIN)/python benchmarks/measure/hard_footage.py $(if $(COUNT),--count $(COUNT))
 	$(BIN)/python benchmarks/measure/hard_bulk.py $(if $(COUNT),--count $(COUNT))
 
-# SEED=7 COUNT=100 make bench-unseen: photos of heaps and beds by a path tracer, a minute each; interrupted runs go on
+# SEED=7 COUNT=100 make bench-unseen: photos of heaps and beds by a path tracer, a minute each, and as many films of
+# drops, tilts and pendulums by VTK, half a minute each; interrupted runs go on
 bench-unseen: $(READY)
 	UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --frozen --inexact --quiet --group unseen
 	$(BIN)/python benchmarks/unseen/render.py out/unseen/$(or $(SEED),1) --seed $(or $(SEED),1) --count $(or $(COUNT),40)
+	$(BIN)/python benchmarks/unseen/films.py out/unseen/$(or $(SEED),1) --seed $(or $(SEED),1) --count $(or $(COUNT),40)
 	$(BIN)/python benchmarks/measure/unseen.py --media out/unseen/$(or $(SEED),1)
 	$(BIN)/python benchmarks/measure/unseen.py --media out/unseen/$(or $(SEED),1) --stated
 

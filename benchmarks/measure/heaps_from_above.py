@@ -109,7 +109,7 @@ def rows(folder: Path) -> Iterator[Row]:
             stated = evaluate.from_above(down, 2.0 / grain) * share
             title = f"base of {across / BEAD:.0f} grains seen from {down} degrees above: error of {name}"
             rms = float(np.sqrt(np.mean(found**2)))
-            note = f"{len(found)} of {len(heaps)} heaps, mean {found.mean():+.2f}"
+            note = f"{len(found)} angles of {len(heaps)} heaps, mean {found.mean():+.2f}"
             yield against(title, rms, stated, relative=0.5, unit="deg", note=note)
 
 

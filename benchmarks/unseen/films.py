@@ -155,7 +155,16 @@ def tilt(rng: np.random.Generator) -> Film:
 
     given = {"kind": "tilt", "capture_fps": rate, "bead_diameter_mm": 1e3 * diameter}
     given["test"] = "rolling (bead)" if rolls else "static (clump slips)"
-    return Film(stage, move, 0.3, rate, frames, given, {"alpha_onset_deg": onset, "bead_diameter_m": diameter})
+    seen, turn = stage.camera, angle(0.0)
+    x, z = (place * math.cos(turn) - radius * math.sin(turn), place * math.sin(turn) + radius * math.cos(turn))
+    truth = {
+        "alpha_onset_deg": onset,
+        "bead_diameter_m": diameter,
+        "rows": [[0, side * first, 0.0, *seen.pixel((side * x, 0.0, z)).tolist()]],  # frame, angle [deg], -, place [px]
+        "hinge_px": seen.pixel((0.0, 0.0, 0.0)).tolist(),
+        "m_per_px_bead_plane": float(np.linalg.norm(seen.place)) / seen.focal,
+    }
+    return Film(stage, move, 0.3, rate, frames, given, truth)
 
 
 def pendulum(rng: np.random.Generator) -> Film:

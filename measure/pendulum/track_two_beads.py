@@ -44,7 +44,7 @@ from rigtwin.measure.tracking.link import SpotPath
 from rigtwin.measure.tracking.refine import common_look, fit_bead
 
 SPARSER = (4, 16)  # frame steps that are tried if neighbouring frames are too similar to show a collision
-LIGHT = 0.4  # least weight of two paths that meet over that of the heaviest path
+LIGHT = 0.2  # least weight of two paths that meet over that of the heaviest path
 FEWEST = 60  # minimum number of such frames in a clip
 SAMPLES = 21  # number of frames from which the background is learnt
 

@@ -1,8 +1,25 @@
-"""Runs of marked columns, used to find edges, a drum's bed and a heap."""
+"""Long straight edges, and runs of marked columns, used to find edges, a drum's bed and a heap."""
 
+import math
+
+import cv2
 import numpy as np
+import pytest
 
-from rigtwin.measure.geometry.lines import fullest_run
+from rigtwin.measure.geometry.lines import fullest_run, long_lines
+
+
+@pytest.mark.parametrize("blur", [1.0, 4.0])
+@pytest.mark.parametrize("slope", [0.0, 0.6, -1.3])
+def test_an_edge_out_of_focus_has_its_slope(blur, slope):
+    y, x = np.mgrid[:240, :360].astype(np.float32)
+    row = 120 + math.tan(math.radians(slope)) * (x - 180)
+    picture = 100 - 60 * np.clip(y - row + 0.5, 0, 1)
+    # a box in front of one end of the edge
+    picture[60:140, :70] = 150
+    picture = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), blur)
+    lines = long_lines(picture, np.ones(picture.shape, bool), steepest=math.radians(8), shortest=150, most=8)
+    assert math.degrees(lines[0].slope) == pytest.approx(slope, abs=0.02)
 
 
 def marked(text: str) -> np.ndarray:

@@ -62,6 +62,25 @@ def test_the_collision_of_the_heaviest_paths_is_taken(monkeypatch: pytest.Monkey
     assert found(monkeypatch, 2000, {1: 2.0}).fall.extent == 4  # another large object moves too, e.g. a hand
 
 
+def swinging(start: float, end: float, frames: range, size: float) -> Path:
+    """From rest at `start` [px] with constant acceleration to `end`."""
+    share = (np.arange(len(frames)) / (len(frames) - 1)) ** 2
+    return Path(list(frames), [np.array([x, 0.0]) for x in start + share * (end - start)], [size] * len(frames))
+
+
+@pytest.mark.parametrize("hidden", [0, 3])
+def test_large_beads_collide_although_the_end_of_the_fall_is_hardly_seen(hidden: int) -> None:
+    """Before the place at which A hangs for long afterwards, in the picture of the still scene, it is hardly seen."""
+    fall = swinging(175.0, 330.0, range(46), 47.0)
+    for k in range(-hidden, 0):
+        fall.places[k] = fall.places[k - 1] + np.array([2.0, 0.0])
+    speed = 2 * 155.0 / 45
+    rise = Path(list(range(53, 90)), [np.array([382.0 + 0.9 * speed * k, 0.0]) for k in range(37)], [47.0] * 37)
+    video = SimpleNamespace(path=File("swing.mp4"), first=0, last=100, times=np.arange(101) / 240)
+    collision = find_collision([fall, rise], video, in_pieces=False)  # type: ignore[arg-type]
+    assert (collision.fall.frames[0], collision.rise.frames[0]) == (0, 53)
+
+
 @pytest.mark.parametrize(("bead", "background"), [(50.0, 140.0), (210.0, 120.0)])
 @pytest.mark.parametrize("creeps", [0.25, 0.0])
 def test_the_rest_position_of_b_is_found_although_a_covers_it_later(

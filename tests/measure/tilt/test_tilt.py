@@ -335,6 +335,7 @@ def clip(
     post=None,
     lost=(),
     drop=None,
+    bars=False,
 ):
     rng = np.random.default_rng(3)
     onset = 0.9
@@ -345,6 +346,9 @@ def clip(
     down = np.zeros_like(down) if still else np.minimum(down, 0.1)
     background = cv2.GaussianBlur(rng.uniform(120, 200, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), 9)
     background = np.clip(160 + 6 * (background - 160), 0, 255).astype(np.uint8)
+    if bars:  # lighter and darker than plate and body, out of focus
+        row = np.where(np.arange(WIDTH) // 70 % 2 == 0, 25.0, 225.0)
+        background = np.tile(cv2.GaussianBlur(row[None], (0, 0), 2), (HEIGHT, 1)).astype(np.uint8)
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=round(fps), options=X264)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
@@ -416,6 +420,16 @@ def test_an_arm_and_a_bead_that_contradict_each_other_are_both_named(sliding, ar
     # the angle needs no scale, and limits in bead diameters are those of the bead as it is seen
     assert not angle.doubtful
     assert ("--bead-diameter" in kinetic.doubtful and "--arm-length" in kinetic.doubtful) == (times > 1)
+
+
+@pytest.mark.parametrize(("variant", "angle"), [("slide", 18.0), ("roll", 3.0)])
+def test_bars_behind_the_plate_are_neither_its_edges_nor_the_body(tmp_path, variant, angle):
+    film = clip(tmp_path / "clip.mp4", variant=variant, angle_deg=angle, bars=True)
+    result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant=variant, bead_diameter=0.012)
+    name = "static_friction_angle" if variant == "slide" else "rolling_friction_angle"
+    found = pick(result, name)
+    assert found.value == pytest.approx(angle, abs=2 * found.std_uncertainty)
+    assert found.std_uncertainty < 0.4
 
 
 @pytest.mark.slow
