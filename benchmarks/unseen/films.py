@@ -45,9 +45,9 @@ def camera(rng: np.random.Generator, size: tuple[int, int], width: float, middle
     """A nearly level camera that sees `width` [m] of the plane y = 0 around `middle` (x, z)."""
     focal = max(size) * rng.uniform(1.2, 3.5)
     distance = width * focal / size[0]
-    aside, above = np.radians(rng.normal(0, 0.7)), np.radians(rng.uniform(-1, 3))
+    sideways, above = np.radians(rng.normal(0, 0.7)), np.radians(rng.uniform(-1, 3))
     target = np.array([middle[0], 0.0, middle[1]])
-    place = target + distance * np.array([math.sin(aside), -math.cos(aside) * math.cos(above), math.sin(above)])
+    place = target + distance * np.array([math.sin(sideways), -math.cos(sideways) * math.cos(above), math.sin(above)])
     return Camera(size, place, target, float(rng.normal(0, 1.0)) if rng.random() < 0.6 else 0.0, focal)
 
 
@@ -74,7 +74,7 @@ def drop(rng: np.random.Generator) -> Film:
     rate = float(rng.choice([120, 240, 240, 500]))
     end = hits[int(rng.integers(1, 3))] + 0.3 * speeds[1] / GRAVITY
     frames = min(int(end * rate), 420)
-    aside = np.concatenate([rng.normal(0, 0.004, (1, 2)), rng.normal(0, 0.02, (6, 2))])  # [m/s], of each flight
+    sideways = np.concatenate([rng.normal(0, 0.004, (1, 2)), rng.normal(0, 0.02, (6, 2))])  # [m/s], of each flight
 
     stage.box((-0.06, -0.05, -0.012), (0.06, 0.06, 0.0))
     stage.room(rng.uniform(0.1, 0.6), -0.012 if rng.random() < 0.7 else -0.06, tall)
@@ -94,8 +94,8 @@ def drop(rng: np.random.Generator) -> Film:
             since = time - (start if flight == 0 else hits[flight - 1])
             z = height - GRAVITY * since**2 / 2 if flight == 0 else speeds[flight] * since - GRAVITY * since**2 / 2
             for k in range(flight):
-                place = place + aside[k] * (hits[k] - (start if k == 0 else hits[k - 1]))
-            place = place + aside[flight] * since
+                place = place + sideways[k] * (hits[k] - (start if k == 0 else hits[k - 1]))
+            place = place + sideways[flight] * since
         bead.SetPosition(place[0], place[1], z + radius)
 
     given = {"kind": "drop", "capture_fps": rate, "bead_diameter_mm": 1e3 * diameter}

@@ -449,7 +449,7 @@ def _misses(swings: Swings, data: _Data) -> Array:
         away = (pivots(swings)[bead, 0] - np.array(place)) / data.stated.sigma
         rows += [away[None, :, 0], away[None, :, 1]]
     # a diverging swing has no position; without a number the fit would go on from parameters that are none
-    return np.nan_to_num(np.concatenate(rows), nan=NOWHERE, posinf=NOWHERE, neginf=-NOWHERE)
+    return np.asarray(np.nan_to_num(np.concatenate(rows), nan=NOWHERE, posinf=NOWHERE, neginf=-NOWHERE))
 
 
 def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array]:
