@@ -27,12 +27,17 @@ def same_track(path: Path, document: dict[str, Any]) -> str:
     text = _text(path.read_bytes())
     ended = re.search(r"rows from line (\d+) on are another table", " ".join(document["table"]["notes"]))
     lines = text.splitlines()[: int(ended[1]) - 1 if ended else None]
-    rows = [row for row in csv.reader(line for line in lines if line.strip() and line.lstrip()[0] not in "#%") if row]
-    rows = [[cell.strip() for cell in row] for row in rows]
+    block, blocks, kept = 0, list[int](), list[str]()  # an empty line ends a block of rows
+    for line in lines:
+        block += not line.strip()
+        if line.strip() and line.lstrip()[0] not in "#%":
+            kept.append(line)
+            blocks.append(block)
+    rows = [[cell.strip() for cell in row] for row in csv.reader(kept)]
     if HEADER not in rows:  # columns of other names or units
         return ""
-    expected = []
-    for row in rows[rows.index(HEADER) + 1 :]:
+    expected, begun = dict[int, list[list[float]]](), rows.index(HEADER) + 1
+    for row, number in zip(rows[begun:], blocks[begun:], strict=False):
         try:
             numbers = [math.nan if cell == "" else float(cell) for cell in row]
         except ValueError:
@@ -40,17 +45,18 @@ def same_track(path: Path, document: dict[str, Any]) -> str:
         if len(numbers) != 3:
             return f"took a row of {len(numbers)} cells"
         if all(map(math.isfinite, numbers)):
-            expected.append(numbers)
+            expected.setdefault(number, []).append(numbers)
     tracks = read_tracks(path)
-    # blocks of rows that an empty line parts are several bodies: what counts is that no point is lost or changed
-    read = [
-        [time, *place] for one in tracks for time, place in zip(one.time.tolist(), one.position.tolist(), strict=True)
+    read = [[[time, *at] for time, at in zip(one.time.tolist(), one.position.tolist(), strict=True)] for one in tracks]
+    bodies = list(expected.values()) if len(tracks) > 1 else [[row for block in expected.values() for row in block]]
+    counts = [sorted(map(len, each)) for each in (read, bodies)]
+    if counts[0] != counts[1] or document["table"]["points"] != sum(counts[1]):
+        return f"read bodies of {counts[0]} points, and the file has {counts[1]}"
+    # the longest body is read first
+    pairs = [
+        pair for one, other in zip(sorted(read), sorted(bodies), strict=True) for pair in zip(one, other, strict=True)
     ]
-    if len(tracks) > 1:
-        read, expected = sorted(read), sorted(expected)
-    if len(read) != len(expected) or document["table"]["points"] != len(expected):
-        return f"read {len(read)} points, and the file has {len(expected)}"
-    different = [f"{one} for {other}" for one, other in zip(read, expected, strict=True) if not _same(one, other)]
+    different = [f"{one} for {other}" for one, other in pairs if not _same(one, other)]
     return f"read {different[0]}" if different else ""
 
 

@@ -58,6 +58,7 @@ def settled(across: int, count: int, rolling: float, folder: Path) -> Array:
 
 
 def turned(centres: Array, angle: float) -> Array:
+    """The centres, turned about the vertical axis [rad]."""
     cos, sin = math.cos(angle), math.sin(angle)
     x, y, z = centres.T
     return np.column_stack([x * cos - y * sin, x * sin + y * cos, z])
@@ -74,10 +75,9 @@ def seen_from_above(centres: Array, radius: float, x: Array, view: View) -> Arra
 
 
 def flanks(x: Array, height: Array, grain: float) -> Array:
-    """Angles of the left and right flank [deg]."""
+    """Angles of the left and right flank [deg]; NaN where there is none."""
     heap = repose_angles.find_parts(Profile(x, height, np.zeros_like(x), (-1.0, 1.0)), 2.0, grain)
-    assert heap is not None
-    lines = [repose_angles.flank_line(heap, side) for side in repose_angles.SIDES]
+    lines = [None if heap is None else repose_angles.flank_line(heap, side) for side in repose_angles.SIDES]
     return np.array([line.angle if line else math.nan for line in lines])
 
 
@@ -105,6 +105,7 @@ def rows(folder: Path) -> Iterator[Row]:
         grain = 2 * BEAD / across
         for down, (name, columns) in product(DOWN, (("a flank", slice(2)), ("the mean of both", slice(2, 3)))):
             found = np.concatenate([errors(heap, grain, down)[:, columns].ravel() for heap in heaps])
+            found = found[np.isfinite(found)]
             share = evaluate.BOTH_FLANKS if columns.start else 1.0
             stated = evaluate.from_above(down, 2.0 / grain) * share
             title = f"base of {across / BEAD:.0f} grains seen from {down} degrees above: error of {name}"

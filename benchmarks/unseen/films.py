@@ -90,6 +90,7 @@ def drop(rng: np.random.Generator) -> Film:
         if time <= start:
             z = height
         else:
+            time = min(time, hits[-1])  # then it lies on the plate
             flight = int(np.searchsorted(hits, time))
             since = time - (start if flight == 0 else hits[flight - 1])
             z = height - GRAVITY * since**2 / 2 if flight == 0 else speeds[flight] * since - GRAVITY * since**2 / 2

@@ -22,8 +22,10 @@ SIDEWAYS = math.radians(2.0)  # prior standard deviation of the angle between vi
 # tan(SIDEWAYS) / f over the focal lengths f [picture widths] of an unknown lens, which are lognormal
 CONVERGENCE_STD = math.tan(SIDEWAYS) / FOCAL_LENGTH * math.exp(FOCAL_UNCERTAINTY**2)
 NOT_QUITE = math.radians(0.012)  # standard uncertainty of straightness and parallelism of a plate's edges
-ELSEWHERE = math.radians(0.15)  # the same for edges of other objects (a shelf, a scale), level and parallel to the rig
-BESIDE = math.radians(0.5)  # the same beside edges of the plate, where a pattern of the wall may look like an edge
+ELSEWHERE = math.radians(0.15)  # the same for long edges of a picture without a base plate
+# the same for edges beside those of the plate, of which some are the pattern of a wall: 32 films of tilts by VTK, and 5
+# by a path tracer
+BESIDE = math.radians(0.5)
 ALONE = math.radians(0.5)  # the same if no edge of the plate is found
 FAINT = 0.35  # minimum strength of a plate's edge relative to the strongest one
 POOR = math.radians(0.06)  # largest standard uncertainty of an edge's direction

@@ -28,7 +28,7 @@ from rigtwin.measure.tracking.link import path_marks
 Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # [bead diameters], minimum jump from the hitting bead to the one that is hit
-LEAST_WAY = 1.5  # [bead diameters], least way of a bead that falls or leaves
+LEAST_WAY = 2.2  # [bead diameters], shortest path of a bead that falls or leaves; its pieces are shorter
 MOST_MEETINGS = 8  # number of candidate collisions with the highest scores that are verified in the film
 COMPARABLE = 0.4  # minimum score of a candidate over the best one
 HUNG = 0.5  # minimum change at B's rest position over the contrast of the beads
@@ -87,9 +87,10 @@ class Path:
         return np.asarray((self.places[other] - self.places[one]) / (self.frames[other] - self.frames[one]))
 
     def arriving(self) -> Array:
-        """Largest mean velocity [px/frame] over a few of the last frames.
+        """Velocity [px/frame] before a hit: the largest mean over three steps among the last frames.
 
-        A bead gains speed until it hits, but is hardly seen before the place at which it hangs for long afterwards.
+        A bead gains speed until it hits.  Its last positions may be false: where it hangs for long after the hit, it is
+        part of the picture of the still scene.
         """
         ends = range(max(len(self.frames) - LAST, 4), len(self.frames) + 1)
         return max((self.part(0, end).velocity(at_end=True) for end in ends), key=lambda one: float(np.hypot(*one)))
@@ -117,7 +118,7 @@ class Collision:
     @property
     def way(self) -> Array:
         """Unit vector of the direction in which B leaves."""
-        velocity = self.rise.velocity(at_end=False)
+        velocity = self.rise.leaving()
         return np.asarray(velocity / max(float(np.hypot(*velocity)), 1e-9))
 
     def of_every(self, every: int, first: int) -> Collision:
@@ -286,7 +287,12 @@ def find_collision(
     if not meetings and not moving:
         raise no_swing(paths, video)
     if not meetings:
-        raise no_hit(moving, video, stated_length)
+        but = "no path begins in the direction in which another one arrives there"
+        must = (
+            "show the released bead, the hanging bead and their collision: leave out what else moves with --start, "
+            "--end or --region."
+        )
+        raise no_meeting(moving, video, stated_length, but, must)
     collisions = [_collision(fall, rise, paths) for fall, rise in meetings[:MOST_MEETINGS]]
     return next((collision for collision in collisions if shown(collision)), collisions[0])
 
@@ -326,7 +332,7 @@ def _meetings_of_pieces(paths: list[Path]) -> list[tuple[Path, Path]]:
 
 def _leap(fall: Path, rise: Path) -> float:
     """Distance from the extrapolated end of `fall` to the begin of `rise`, in bead diameters."""
-    velocity = (fall.velocity(at_end=True) + rise.velocity(at_end=False)) / 2
+    velocity = (fall.velocity(at_end=True) + rise.leaving()) / 2
     further = rise.places[0] - fall.places[-1] - velocity * (rise.frames[0] - fall.frames[-1])
     way = velocity / max(float(np.hypot(*velocity)), 1e-9)
     return float(further @ way) / float(np.median([*fall.sizes, *rise.sizes]))
@@ -336,8 +342,8 @@ def no_swing(paths: list[Path], video: Video) -> NothingToMeasure:
     """The refusal of a clip in which nothing moves far."""
     found = f"none of the {len(paths)} moving objects that were followed" if paths else "nothing"
     return NothingToMeasure(
-        f"{video.path}: {found} (frames {video.first} to {video.last}) moves by more than {LEAST_WAY} times its size; "
-        f"show the release and the hit, or move --start, --end or --region to them{by_bits(video)}.",
+        f"{video.path}: {found} (frames {video.first} to {video.last}) moves by more than {LEAST_WAY:g} times its "
+        f"size; show the release and the hit, or move --start, --end or --region to them{by_bits(video)}.",
         Seen(marks=marks_of(paths)),
     )
 
@@ -350,16 +356,6 @@ def no_meeting(moving: list[Path], video: Video, stated_length: float | None, bu
         f"{but}{lone}; the clip must {must}",
         Seen(marks=marks_of(moving)),
     )
-
-
-def no_hit(moving: list[Path], video: Video, stated_length: float | None) -> NothingToMeasure:
-    """The refusal of a clip in which no bead hits another one."""
-    but = "no path begins in the direction in which another one arrives there"
-    must = (
-        "show the released bead, the hanging bead and their collision: leave out what else moves with --start, "
-        "--end or --region."
-    )
-    return no_meeting(moving, video, stated_length, but, must)
 
 
 def marks_of(paths: list[Path]) -> tuple[Mark, ...]:
@@ -444,7 +440,7 @@ def _backwards(path: Path) -> Path:
 
 def _rest_place(fall: Path, rise: Path, paths: list[Path], radius: float) -> Array:
     """Approximate rest position of B: a still spot behind its rise, else a point just behind the begin of the rise."""
-    velocity = rise.velocity(at_end=False)
+    velocity = rise.leaving()
     speed = float(np.hypot(*velocity))
     furthest = (rise.frames[0] - fall.frames[-1] + 6) * speed + radius
     for path in sorted(paths, key=lambda path: -len(path.frames)):
@@ -508,7 +504,7 @@ def hung(greys: dict[int, GreyImage], collision: Collision) -> bool:
     place, gone = _place_left(greys, collision, _contrast(apart))
     ahead = (place - collision.fall.places[-1]) @ collision.way
     # the path of A may continue along B for up to LOST frames
-    further = collision.radius + LOST * float(np.hypot(*collision.rise.velocity(at_end=False)))
+    further = collision.radius + LOST * float(np.hypot(*collision.rise.leaving()))
     return bool(gone > HUNG * float(np.mean(np.abs(apart))) and ahead > -further)
 
 
@@ -536,9 +532,7 @@ def _place_lost(
     radius, reach = collision.radius, math.ceil(collision.radius)
     way, begun = collision.way, collision.rise.places[0]
     sideways = np.array([-way[1], way[0]])
-    waited = (collision.rise.frames[0] - collision.fall.frames[-1] + 3) * float(
-        np.hypot(*collision.rise.velocity(at_end=False))
-    )
+    waited = (collision.rise.frames[0] - collision.fall.frames[-1] + 3) * float(np.hypot(*collision.rise.leaving()))
     # its path bends upwards from the rest position
     ends = [
         (along, side * (2 * radius + BENDS * abs(along)))

@@ -348,8 +348,9 @@ def _fit(
         swinging = float(swings["gravity"]) > 0 and np.all(swings.per_bead("length") > 0)
         if not (swinging and all(np.all(np.isfinite(residual)) for residual in residuals)):
             raise NothingToMeasure(
-                "the swing that fits the positions best has no gravity or no length; film larger, from before the "
-                "release to past the collision, or, if other objects were followed, narrow the search with --region."
+                "no swing fits the positions: the fit diverges, or ends without gravity or length; film larger, from "
+                "before the release to past the collision, or, if other objects were followed, narrow the search with "
+                "--region."
             )
         scaled = np.concatenate([(r * w[:, None])[u] for r, w, u in zip(residuals, weights, used, strict=True)])
         spread = mad_std(scaled, centre=0.0)
@@ -421,11 +422,14 @@ class _Data:
 
 
 def _misses_at(vector: Array, swings: Swings, data: _Data) -> Array:
-    return _misses(swings.batch(vector[:, None]), data)[:, 0]
+    # a diverging swing has no position; the fit needs a number to turn back from there
+    return np.nan_to_num(
+        _misses(swings.batch(vector[:, None]), data)[:, 0], nan=NOWHERE, posinf=NOWHERE, neginf=-NOWHERE
+    )
 
 
 def _slopes_at(vector: Array, swings: Swings, data: _Data) -> Array:
-    return _slopes(swings.batch(vector), data)
+    return np.nan_to_num(_slopes(swings.batch(vector), data), posinf=0.0, neginf=0.0)
 
 
 def _slopes(swings: Swings, data: _Data) -> Array:
@@ -448,8 +452,7 @@ def _misses(swings: Swings, data: _Data) -> Array:
     for bead, place in enumerate(data.stated.places[: swings.beads]):
         away = (pivots(swings)[bead, 0] - np.array(place)) / data.stated.sigma
         rows += [away[None, :, 0], away[None, :, 1]]
-    # a diverging swing has no position; without a number the fit would go on from parameters that are none
-    return np.asarray(np.nan_to_num(np.concatenate(rows), nan=NOWHERE, posinf=NOWHERE, neginf=-NOWHERE))
+    return np.concatenate(rows)
 
 
 def _perturbed(swings: Swings, steps: Array | None = None) -> tuple[Array, Array]:

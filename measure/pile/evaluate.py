@@ -29,7 +29,8 @@ GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # grains per cubed grain diameter, at the s
 
 # standard uncertainty of the angle of a flank [deg] for each degree by which the camera looks down on grains that hide
 # others, on a base of up to FEW_GRAINS grains, less in proportion on a wider one: the line through the outline after
-# correction of the view differs by 0.15 to 0.25 from the level one in 41 heaps of 8 to 28 beads, by 0.08 in wider ones
+# correction of the view differs by 0.15 to 0.25 from the level one in 41 heaps of 8 to 28 beads, by 0.08 in wider ones;
+# benchmarks/measure/heaps_from_above.py
 FROM_ABOVE, FEW_GRAINS = 0.17, 20.0
 BOTH_FLANKS = 0.83  # of which the mean of two flanks has this share, in the same heaps
 
@@ -190,7 +191,15 @@ def _angles(
 
 
 def from_above(looking_down: float, grains_across: float) -> float:
-    """Standard uncertainty [deg] of a flank's angle where the camera looks down [deg] on a base of so many grains."""
+    """Standard uncertainty [deg] of the angle of a flank that is seen from above.
+
+    Parameters
+    ----------
+    looking_down : float
+        Angle by which the camera looks down [deg].
+    grains_across : float
+        Width of the base in grain diameters.
+    """
     return FROM_ABOVE * abs(looking_down) * min(1.0, FEW_GRAINS / grains_across)
 
 

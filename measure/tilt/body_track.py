@@ -107,18 +107,17 @@ def find_body(
         [arm.cut(frames[n], arm.directions[n], arm.along[columns], arm.across[rows]) for n in numbers]
     ).astype(np.float32)
     stack = np.stack([cv2.GaussianBlur(cut, (0, 0), 1.0) for cut in stack])
+    covered = None
     if hidden is not None and hidden.any():
         # in the arm's coordinates a patch fixed in the scene moves like a body
-        covered = np.stack(
-            [
-                arm.cut(hidden.astype(np.float32), arm.directions[n], arm.along[columns], arm.across[rows])
-                for n in numbers
-            ]
-        )
-        stack = _uncovered(stack, covered > 0.01)
+        parts = [
+            arm.cut(hidden.astype(np.float32), arm.directions[n], arm.along[columns], arm.across[rows]) for n in numbers
+        ]
+        covered = np.stack(parts) > 0.01
+        stack = _uncovered(stack, covered)
     noise = _grain(stack)
     surface = float(upper - arm.across[rows[0]])
-    changed = _changed_in_scene(arm, frames, numbers, rows, columns)
+    changed = _changed_in_scene(arm, frames, numbers, rows, columns, covered)
     gone = [blob for split in range(FEWEST, len(numbers)) for blob in _gone(stack, changed, split, noise, surface)]
     if seed is not None:
         along, _ = arm.place(seed.at, seed.frame)
@@ -182,11 +181,13 @@ def _changed_in_scene(
     numbers: Sequence[int],
     rows: npt.NDArray[np.int64],
     columns: npt.NDArray[np.int64],
+    covered: npt.NDArray[np.bool_] | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Difference [grey levels] of each cut to the later frames at the same places of the scene; shape (n, n, ...).
+    """Change [grey levels] of each cut to the later frames at the same places of the scene; shape (n, n, ...).
 
-    What belongs to the background is still there when the plate has turned on, what left the plate is not.  NaN where
-    the later frame is not later or shows the plate itself at that place.
+    It is the distance from the range of the later frame within a pixel, averaged over a window.  What belongs to the
+    background is still there when the plate has turned on, what left the plate is not.  NaN where the later frame is
+    not later or shows the plate itself at that place, and where something in front `covered` the arm, shape (n, ...).
     """
     smooth = {n: np.asarray(cv2.GaussianBlur(frames[n], (0, 0), 1.0), dtype=np.float32) for n in numbers}
     along, across = np.meshgrid(arm.along[columns], arm.across[rows])
@@ -197,13 +198,13 @@ def _changed_in_scene(
         here = arm.cut(smooth[n], arm.directions[n], arm.along[columns], arm.across[rows])
         for m in range(k + 1, len(numbers)):
             turn = arm.directions[n] - arm.directions[numbers[m]]
-            # the average takes in no plate
-            above = along * math.sin(turn) + across * math.cos(turn) < upper - 1 - WINDOW // 2
+            # average and range take in no plate
+            above = along * math.sin(turn) + across * math.cos(turn) < upper - 2 - WINDOW // 2
             seen = arm.cut(smooth[numbers[m]], arm.directions[n], arm.along[columns], arm.across[rows])
             # edges of the background are met to a pixel
             low, high = cv2.erode(seen, around), cv2.dilate(seen, around)
             change = cv2.blur(np.maximum(np.maximum(low - here, here - high), 0), (WINDOW, WINDOW))
-            answer[k, m] = np.where(above, change, np.nan)
+            answer[k, m] = np.where(above if covered is None else above & ~covered[k], change, np.nan)
     return answer
 
 

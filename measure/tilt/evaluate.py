@@ -21,6 +21,7 @@ from rigtwin.measure.tilt.onset import (
     Run,
     Variant,
     Way,
+    descent,
     find_onset,
     find_run,
     least_run,
@@ -169,11 +170,12 @@ def onset_of(way: Way, whose: str) -> tuple[Run, Onset]:
     run = find_run(way)
     if run is None:
         first, last = (math.degrees(angle) for angle in (way.angle[0], way.angle[-1]))
-        share = float(np.ptp(way.down)) / least_run(way)
+        share = descent(way) / least_run(way)
+        soon = ", within two frames" if share >= 1 else ""
         stays = (
             f"{whose}: in {len(way.time)} frames from {way.time[0]:.3f} to {way.time[-1]:.3f} s, while the plate turns "
-            f"from {first:.1f} to {last:.1f} degrees, no run of the body down the plate was found (it moves along it "
-            f"by {share:.2f} times the least way of a run)"
+            f"from {first:.1f} to {last:.1f} degrees, no run of the body down the plate was found (it moves down it "
+            f"by {share:.2f} times the least way of a run{soon})"
         )
         if abs(last - first) < math.degrees(LEAST_TURN):
             raise NothingToMeasure(

@@ -99,9 +99,8 @@ def find_run(way: Way) -> Run | None:
     """The last motion that goes on until the body is stopped or the record ends; None if there is none."""
     down = _calm(way.down)
     noise = jitter(way.down)
-    top = float(np.max(down))
-    low = float(np.min(down[: max(3, len(down) // 10)]))
-    total = top - low
+    low, total = _begin_of(down), descent(way)
+    top = low + total
     if len(down) < 8 or total < least_run(way):
         return None
     end = int(np.argmax(down > top - 0.03 * total - noise))
@@ -110,6 +109,16 @@ def find_run(way: Way) -> Run | None:
     before = np.flatnonzero(down[: end + 1] < level)
     start = int(before[-1]) + 1 if len(before) else 0
     return Run(start, end, total) if end - start >= 2 else None
+
+
+def descent(way: Way) -> float:
+    """Largest displacement down the plate from where the body is at first [m]."""
+    down = _calm(way.down)
+    return float(np.max(down)) - _begin_of(down)
+
+
+def _begin_of(down: Array) -> float:
+    return float(np.min(down[: max(3, len(down) // 10)]))
 
 
 def least_run(way: Way) -> float:

@@ -32,7 +32,10 @@ STATED_REACH = 4 * STATED_SIGMA  # [px], distance of an edge from the stated sur
 STATED_TURN = math.radians(1.5)  # largest angle of the plate against its stated surface in the first sample frame
 REACH = 4  # [px], rows on each side of an edge that are compared
 PARALLEL = math.radians(0.35)  # largest angle between edges of the arm
-ASLANT = math.tan(math.radians(6))  # slope of a pixel's edge beyond which it belongs to no edge of the arm
+# slope of the edge in a pixel of the arm's picture beyond which it belongs to no edge of the arm: what stands still in
+# the scene turns there by at least half of the arm's turn
+ASLANT = math.tan(math.radians(6))
+IN_LINE = 1.0  # [px], across the arm, between rises and falls of one edge
 NOT_PARALLEL = math.radians(0.025)  # standard deviation of the angle between edges of an arm
 
 
@@ -356,7 +359,10 @@ def _still(stack: npt.NDArray[np.float32]) -> tuple[FloatImage, FloatImage]:
 def _edges(
     middle: FloatImage, noise: FloatImage, near: Mask, along: Array, across: Array, width: int
 ) -> tuple[Edge, ...]:
-    """Straight edges along the arm: rows with a gradient across it over a long range of columns; `near` what moves."""
+    """Straight edges along the arm: rows with a gradient across it over a long range of columns.
+
+    `near` marks the pixels near to what moves.
+    """
     smooth = cv2.GaussianBlur(middle, (0, 0), sigmaX=2.0, sigmaY=1.0)
     change = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8), dtype=np.float32)
     aslant = np.asarray(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8), dtype=np.float32)
@@ -364,8 +370,8 @@ def _edges(
     # what stands still in the scene lies at an angle to the arm
     clear &= near & (np.abs(aslant) < ASLANT * np.abs(change) + 0.3)
     # before a scene with light and dark parts one edge of the arm is a rise here and a fall there
-    steep = np.where(clear, np.abs(change), 0.0)
-    strength = cv2.blur(np.minimum(steep, 8), (1, 3)).sum(axis=1) / len(along)
+    steep = np.where(clear, change, 0.0)
+    strength = cv2.blur(np.minimum(np.abs(steep), 8), (1, 3)).sum(axis=1) / len(along)
     strength[: REACH + 3] = strength[-REACH - 3 :] = 0.0
     found: list[Edge] = []
     order = np.argsort(-strength)
@@ -384,10 +390,20 @@ def _edges(
     return tuple(edge for edge, slope in zip(found, slopes, strict=True) if abs(slope - leader) < PARALLEL)
 
 
-def _edge_at(row: int, steep: Array, along: Array, across: Array, width: int) -> Edge | None:
-    """The edge near a row, with its range of columns and its slope; None if it is too short."""
-    band = slice(row - 3, row + 4)
-    support = np.max(steep[band], axis=0)
+def _edge_at(row: int, change: Array, along: Array, across: Array, width: int) -> Edge | None:
+    """The edge near a row, with its range of columns and its slope; None if it is too short.
+
+    `change` is the gradient across the arm where it may be an edge, else 0.  Rises and falls are one edge where they
+    lie in one line; else, as at both borders of a thin plate, the stronger ones are.
+    """
+    band = change[row - 3 : row + 4]
+    rises, falls = np.maximum(band, 0), np.maximum(-band, 0)
+    rows = across[row - 3 : row + 4]
+    apart = [float(np.sum(part**2 * rows[:, None]) / max(np.sum(part**2), 1e-9)) for part in (rises, falls)]
+    steep = np.abs(band)
+    if rises.any() and falls.any() and abs(apart[0] - apart[1]) > IN_LINE:
+        steep = rises if rises.sum() > falls.sum() else falls
+    support = np.max(steep, axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
     run = fullest_run(covered, gap=max(12, width // 12))
     if run is None or run[1] - run[0] < SHORTEST * width:
@@ -396,9 +412,8 @@ def _edge_at(row: int, steep: Array, along: Array, across: Array, width: int) ->
     columns = columns[covered[columns]]
     if len(columns) < 0.4 * (run[1] - run[0]):
         return None
-    weight = steep[band, columns] ** 2
-    rows = across[band][:, None]
-    centre = (weight * rows).sum(axis=0) / (weight.sum(axis=0) + 1e-9)
+    weight = steep[:, columns] ** 2
+    centre = (weight * rows[:, None]).sum(axis=0) / (weight.sum(axis=0) + 1e-9)
     line, _, kept = straight(along[columns], centre, weight.sum(axis=0))
     if kept < 0.5:
         return None

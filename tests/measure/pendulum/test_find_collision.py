@@ -71,10 +71,10 @@ def swinging(start: float, end: float, frames: range, size: float) -> Path:
 @pytest.mark.parametrize("hidden", [0, 3])
 def test_large_beads_collide_although_the_end_of_the_fall_is_hardly_seen(hidden: int) -> None:
     """Before the place at which A hangs for long afterwards, in the picture of the still scene, it is hardly seen."""
-    fall = swinging(175.0, 330.0, range(46), 47.0)
+    fall = swinging(213.0, 330.0, range(46), 47.0)  # by 2.5 diameters
     for k in range(-hidden, 0):
         fall.places[k] = fall.places[k - 1] + np.array([2.0, 0.0])
-    speed = 2 * 155.0 / 45
+    speed = 2 * 117.0 / 45
     rise = Path(list(range(53, 90)), [np.array([382.0 + 0.9 * speed * k, 0.0]) for k in range(37)], [47.0] * 37)
     video = SimpleNamespace(path=File("swing.mp4"), first=0, last=100, times=np.arange(101) / 240)
     collision = find_collision([fall, rise], video, in_pieces=False)  # type: ignore[arg-type]

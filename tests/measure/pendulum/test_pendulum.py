@@ -138,7 +138,7 @@ def test_stated_pivots_are_priors_of_the_fit():
 )
 def test_a_swing_below_the_noise_is_refused(release, noise, duration, seed):
     tracks = tracks_of(Truth(release=math.radians(release)), frame_rate=120, duration=duration, noise=noise, seed=seed)
-    with pytest.raises(NothingToMeasure, match="no gravity or no length"):
+    with pytest.raises(NothingToMeasure, match="ends without gravity or length"):
         fit_swings(tuple(tracks))
 
 

@@ -17,7 +17,7 @@ from rigtwin.measure.tilt.evaluate import (
     onset_of,
     way_down,
 )
-from rigtwin.measure.tilt.onset import Onset, Run, Way, find_onset, find_run, least_run
+from rigtwin.measure.tilt.onset import Onset, Run, Way, descent, find_onset, find_run, least_run
 
 G = 9.81
 STARTS = 1.5  # [s]
@@ -174,10 +174,10 @@ def test_a_slide_gives_both_frictions_and_the_time_at_which_it_starts():
 def test_without_a_run_the_way_that_was_seen_is_stated(sliding):
     still = sliding.time < STARTS - 0.1
     rest = replace(sliding, time=sliding.time[still], angle=sliding.angle[still], down=sliding.down[still])
-    share = np.ptp(rest.down) / least_run(rest)
+    share = descent(rest) / least_run(rest)
     begin = (
         "r01: in 140 frames from 0.000 to 1.390 s, while the plate turns from {} to {} degrees, no run of the body "
-        f"down the plate was found (it moves along it by {share:.2f} times the least way of a run)"
+        f"down the plate was found (it moves down it by {share:.2f} times the least way of a run)"
     )
     ends = [f"{math.degrees(one):.1f}" for one in (rest.angle[0], rest.angle[-1])]
     at_rest = replace(rest, angle=np.linspace(0.30, 0.306, 140))
