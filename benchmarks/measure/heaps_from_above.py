@@ -1,11 +1,11 @@
-"""How far a camera that looks down changes the flanks of a heap: settled heaps of the twin beside the uncertainty.
+"""Angles of heaps that a camera sees from above: settled heaps of the twin beside the stated intervals.
 
     python benchmarks/measure/heaps_from_above.py
 
 `measure pile` undoes the view as if the heap were a smooth cone (`rigtwin.measure.pile.silhouette.undo_view`); which
 grain hides which remains, and is the part "view from above" of the uncertainty.  Heaps 10 to 22 grains wide are poured
-by the twin and seen from four sides at 2 to 10 degrees.  Each row is the root mean square of the error of an angle,
-beside the mean uncertainty that is stated for it.
+by the twin and seen from four sides at 2 to 10 degrees.  Each row is the share of the graphical angles whose 95 %
+interval holds the angle of the level view; the second one is that without this part.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import math
 import sys
 import tempfile
 from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 
 import gsd.hoomd
@@ -22,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 import rigtwin
-from rigtwin.benchmarks.figures import Row, against, report, small
+from rigtwin.benchmarks.figures import Row, coverage, report, small
+from rigtwin.lab.quantity import Quantity
 from rigtwin.lab.records import Profile
 from rigtwin.measure.bulk.outline import View
 from rigtwin.measure.pile import evaluate, repose_angles
@@ -37,6 +37,7 @@ HEAPS = small({60: 650, 90: 1850, 130: 5300}, {60: 300})  # beads that are poure
 ROLLING = small((0.05, 0.2, 0.5), (0.2,))  # rolling friction
 DOWN = small((2, 4, 6, 8, 10), (2, 10))  # [deg], by which the camera looks down
 AWAY = 9.0  # [radii of the base], horizontal distance of the camera from the axis
+WIDE = 1.959964  # standard uncertainties of a 95 % interval
 SIDES = np.radians((0, 90, 180, 270))
 
 
@@ -74,44 +75,50 @@ def seen_from_above(centres: Array, radius: float, x: Array, view: View) -> Arra
     return highest(x, (centres @ right) * nearer, (centres @ np.cross(right, forward)) * nearer, radius * nearer)
 
 
-def flanks(x: Array, height: Array, grain: float) -> Array:
-    """Angles of the left and right flank [deg]; NaN where there is none."""
+def angles(x: Array, height: Array, grain: float, down: float = 0.0) -> dict[str, Quantity]:
+    """Graphical angle of each flank and of both."""
+    seen = np.isfinite(height)
+    profile = Profile(x[seen], height[seen], np.zeros(int(seen.sum())), (-1.0, 1.0))
+    heap = evaluate.Observation(profile, grain=grain, looking_down=down)
+    found = evaluate.evaluate_views([heap], 2.0, grain).quantities
+    return {str(one.detail["side"]): one for one in found if one.method == evaluate.LINE}
+
+
+def flank_slopes(x: Array, height: Array, grain: float) -> tuple[float, float]:
+    """Tangents of the left and right flank."""
     heap = repose_angles.find_parts(Profile(x, height, np.zeros_like(x), (-1.0, 1.0)), 2.0, grain)
     lines = [None if heap is None else repose_angles.flank_line(heap, side) for side in repose_angles.SIDES]
-    return np.array([line.angle if line else math.nan for line in lines])
+    left, right = (math.tan(math.radians(line.angle)) if line else 0.5 for line in lines)
+    return left, right
 
 
-def errors(centres: Array, grain: float, down: float) -> Array:
-    """Errors of the left, right and mean angle [deg] from every side, shape (sides, 3)."""
+def held(centres: Array, grain: float, down: float) -> Iterator[tuple[bool, bool]]:
+    """Whether the interval of each angle from every side holds that of the level view, with and without the part."""
     view = View((0.0, 0.0), 0.0, 1.0, AWAY * math.tan(math.radians(down)), AWAY)
     x = np.arange(-1.2, 1.2, grain / 24)
-    found = []
     for side in SIDES:
         heap = turned(centres, side)
-        level = highest(x, heap[:, 0], heap[:, 2], np.full(len(heap), grain / 2))
+        level = angles(x, highest(x, heap[:, 0], heap[:, 2], np.full(len(heap), grain / 2)), grain)
         above = seen_from_above(heap, grain / 2, x, view)
         there = np.isfinite(above)
-        slopes = np.tan(np.radians(flanks(x[there], above[there], grain)))
-        undone = undo_view(x[there], above[there], view, (float(slopes[0]), float(slopes[1])))
-        true = np.isfinite(level)
-        apart = flanks(*undone, grain) - flanks(x[true], level[true], grain)
-        found.append([*apart, apart.mean()])
-    return np.array(found)
+        undone = undo_view(x[there], above[there], view, flank_slopes(x[there], above[there], grain))
+        for name, one in angles(*undone, grain, down).items():
+            if name in level:
+                apart = abs(one.value - level[name].value)
+                rest = math.sqrt(one.std_uncertainty**2 - one.budget.get("view from above", 0.0) ** 2)
+                yield apart <= WIDE * one.std_uncertainty, apart <= WIDE * rest
 
 
 def rows(folder: Path) -> Iterator[Row]:
-    for across, count in HEAPS.items():
-        heaps = [settled(across, count, rolling, folder) for rolling in ROLLING]
-        grain = 2 * BEAD / across
-        for down, (name, columns) in product(DOWN, (("a flank", slice(2)), ("the mean of both", slice(2, 3)))):
-            found = np.concatenate([errors(heap, grain, down)[:, columns].ravel() for heap in heaps])
-            found = found[np.isfinite(found)]
-            share = evaluate.BOTH_FLANKS if columns.start else 1.0
-            stated = evaluate.from_above(down, 2.0 / grain) * share
-            title = f"base of {across / BEAD:.0f} grains seen from {down} degrees above: error of {name}"
-            rms = float(np.sqrt(np.mean(found**2)))
-            note = f"{len(found)} angles of {len(heaps)} heaps, mean {found.mean():+.2f}"
-            yield against(title, rms, stated, relative=0.5, unit="deg", note=note)
+    heaps = [
+        (settled(across, count, rolling, folder), 2 * BEAD / across)
+        for across, count in HEAPS.items()
+        for rolling in ROLLING
+    ]
+    for down in DOWN:
+        hits = [hit for heap, grain in heaps for hit in held(heap, grain, down)]
+        yield coverage(f"seen from {down} degrees above", [hit for hit, _ in hits], note="angles")
+        yield coverage(f"seen from {down} degrees above, without the part", [hit for _, hit in hits], judged=False)
 
 
 def main() -> int:
