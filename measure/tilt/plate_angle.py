@@ -152,8 +152,11 @@ def find_arm(frames: dict[int, FloatImage], plate: Line | None = None) -> Arm | 
         return None
     turned = dict(zip(numbers, directions.tolist(), strict=True))
     arm = _picture_of(turned, pivot, frames, plate, _swept(pictures))
-    if arm is not None and float(np.ptp(list(arm.directions.values()))) >= LEAST_TURN:
-        return arm
+    if arm is not None:
+        laid = [lay_over(arm, frames[number], arm.directions[number]) for number in numbers]
+        seen = [turn.direction for turn in laid if turn is not None]
+        if len(seen) > len(numbers) / 2 and float(np.ptp(seen)) >= LEAST_TURN:
+            return arm
     # what moves may be the body alone, on a plate at rest
     return _picture_of(turned, pivot, frames, plate)
 
