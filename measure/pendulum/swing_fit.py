@@ -23,6 +23,7 @@ from rigtwin.measure.pendulum.swing_model import Swings, angles, pivots, positio
 from rigtwin.measure.robust import autocorrelation_factor, mad_std
 
 NOWHERE = 1e9  # [standard deviations], of a point from a swing that has no position there
+FEWEST = 5  # positions of a bead, before and after a hit
 SETTLED = 0.02  # relative change of the noise below which its iteration has converged
 MOST_LAGS = 25  # at which the autocorrelation of residuals is summed
 
@@ -127,6 +128,12 @@ def fit_swings(
 
     Raises `NothingToMeasure` if there is no release, no collision, or too few points of either.
     """
+    for track in tracks:
+        if len(track.time) < FEWEST:
+            raise NothingToMeasure(
+                f"bead {track.body} has {len(track.time)} positions in the whole record, {FEWEST} are needed; film with "
+                "the beads in clear contrast to what is behind them, or narrow the search with --region."
+            )
     origin, unit = tracks[0].position[0], float(np.ptp(tracks[0].position[:, 0]))
     if not unit > 0:
         raise NothingToMeasure(
@@ -395,10 +402,10 @@ def _enough(used: list[Mask], swings: Swings, tracks: tuple[Track, ...]) -> None
     hit = float(swings["time_0"])
     for mask, track in zip(used, tracks, strict=True):
         before, after = (int(np.sum(mask & side)) for side in (track.time < hit, track.time > hit))
-        if after < 5 or (track is tracks[0] and before < 5):
+        if after < FEWEST or (track is tracks[0] and before < FEWEST):
             raise NothingToMeasure(
                 f"bead {track.body} has {before} positions that fit a free swing before the collision at {hit:.3f} s "
-                f"and {after} after it, 5 are needed; film at a higher rate, and for one swing past the collision."
+                f"and {after} after it, {FEWEST} are needed; film at a higher rate, and for one swing past the collision."
             )
 
 

@@ -133,6 +133,14 @@ def test_stated_pivots_are_priors_of_the_fit():
     assert moved["length"].value > known["length"].value + 0.001
 
 
+@pytest.mark.parametrize("left", [0, 4])
+def test_a_bead_that_is_hardly_seen_is_refused(left):
+    a, b = tracks_of(Truth())
+    b = replace(b, time=b.time[:left], position=b.position[:left], sigma=b.sigma[:left])
+    with pytest.raises(NothingToMeasure, match=f"bead B has {left} positions in the whole record, 5 are needed"):
+        fit_swings((a, b))
+
+
 @pytest.mark.parametrize(
     ("release", "noise", "duration", "seed"), [(34.7, 2.68e-3, 0.41, 38), (42.1, 3.63e-3, 0.51, 45)]
 )
