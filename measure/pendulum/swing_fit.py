@@ -131,8 +131,8 @@ def fit_swings(
     for track in tracks:
         if len(track.time) < FEWEST:
             raise NothingToMeasure(
-                f"bead {track.body} has {len(track.time)} positions in the whole record, {FEWEST} are needed; film with "
-                "the beads in clear contrast to what is behind them, or narrow the search with --region."
+                f"bead {track.body} has {len(track.time)} positions in the whole record, {FEWEST} are needed; film "
+                "with the beads in clear contrast to what is behind them, or narrow the search with --region."
             )
     origin, unit = tracks[0].position[0], float(np.ptp(tracks[0].position[:, 0]))
     if not unit > 0:
@@ -405,7 +405,8 @@ def _enough(used: list[Mask], swings: Swings, tracks: tuple[Track, ...]) -> None
         if after < FEWEST or (track is tracks[0] and before < FEWEST):
             raise NothingToMeasure(
                 f"bead {track.body} has {before} positions that fit a free swing before the collision at {hit:.3f} s "
-                f"and {after} after it, {FEWEST} are needed; film at a higher rate, and for one swing past the collision."
+                f"and {after} after it, {FEWEST} are needed; film at a higher rate, and for one swing past the "
+                "collision."
             )
 
 
