@@ -20,6 +20,7 @@ from rigtwin.lab.arrays import Array
 from rigtwin.lab.integration import hermite, hermite_slope, runge_kutta
 
 STEP = 0.008  # [s], step of the Runge-Kutta integration: error below 3e-6 rad over a swing of a 100 mm pendulum
+MOST_STEPS = 20_000  # of one swing: 160 s
 
 _SHARED = (
     "tilt",
@@ -183,8 +184,10 @@ def _integrate(
     def turn(theta: Array, omega: Array) -> Array:
         return np.asarray(-pull * np.sin(theta) - (damping + drag * np.abs(omega)) * omega)
 
-    steps = max(2, math.ceil(float(np.max(end - start)) / STEP))
-    h = (end - start) / steps
+    # an optimizer may try a release long before the record: a swing that lasts too long has no position
+    lasts = np.where(end - start <= MOST_STEPS * STEP, end - start, np.nan)
+    steps = max(2, math.ceil(float(np.nanmax(lasts, initial=0.0)) / STEP))
+    h = lasts / steps
     angles_, rates = np.empty((steps + 1, *angle.shape)), np.empty((steps + 1, *angle.shape))
     angles_[0], rates[0] = angle, rate
     for i in range(steps):
@@ -195,7 +198,7 @@ def _integrate(
 
 def _between(angle: Array, rate: Array, place: Array, h: Array) -> tuple[Array, Array]:
     """Cubic Hermite interpolation at `place` (in steps, shape (n, batch)); shape (beads, n, batch)."""
-    k = np.clip(np.floor(place), 0, len(angle) - 2).astype(np.int64)
+    k = np.clip(np.nan_to_num(np.floor(place)), 0, len(angle) - 2).astype(np.int64)
     s = np.clip(place - k, 0, 1)
     columns = np.arange(angle.shape[2])
     a0, a1, w0, w1 = (np.moveaxis(table[k + ahead, :, columns], 2, 0) for table in (angle, rate) for ahead in (0, 1))

@@ -133,6 +133,14 @@ def test_stated_pivots_are_priors_of_the_fit():
     assert moved["length"].value > known["length"].value + 0.001
 
 
+def test_a_swing_that_would_last_for_days_has_no_position():
+    swings = fit_swings(tracks_of(Truth())).swings
+    vector = swings.vector.copy()
+    vector[swings.index("release_time")] = -1e7  # [s]; an optimizer may try it
+    angle, _ = angles(swings.batch(vector), np.linspace(0.0, 0.1, 5))
+    assert np.all(np.isnan(angle[0]))
+
+
 @pytest.mark.parametrize("left", [0, 4])
 def test_a_bead_that_is_hardly_seen_is_refused(left):
     a, b = tracks_of(Truth())
