@@ -248,6 +248,8 @@ def read_deck(folder: Path) -> Deck:
             rig = replace(rig, walls=here)
         bead = {name: value for name, value in dict(said["particle"]).items() if name != "smallest"}
         surfaces = dict(said.get("surfaces", {}))
+        whole = {name: said[name] for name in ("count", "seed") if name in said}
+        said |= TypeAdapter(dict[str, int | None]).validate_python(whole)
         return Deck(
             code=said["code"],
             rig=rig,

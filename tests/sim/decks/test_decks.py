@@ -259,6 +259,7 @@ def test_an_imported_drum_that_turned_too_shortly_is_refused(tmp_path):
         ({"particle": {"diameter": "wide"}}, "diameter: input should be a valid number"),
         ({"rig": 3}, "is damaged"),
         ({"contacts": {}}, "is damaged"),
+        ({"count": 39.9971}, "count: input should be a valid integer"),
     ],
 )
 def test_a_damaged_description_of_a_deck_is_refused_in_a_sentence(change, words, tmp_path, capsys):
