@@ -14,6 +14,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import gsd.hoomd
@@ -37,7 +38,6 @@ HEAPS = small({60: 650, 90: 1850, 130: 5300}, {60: 300})  # beads that are poure
 ROLLING = small((0.05, 0.2, 0.5), (0.2,))  # rolling friction
 DOWN = small((2, 4, 6, 8, 10), (2, 10))  # [deg], by which the camera looks down
 AWAY = 9.0  # [radii of the base], horizontal distance of the camera from the axis
-WIDE = 1.959964  # standard uncertainties of a 95 % interval
 SIDES = np.radians((0, 90, 180, 270))
 
 
@@ -92,6 +92,11 @@ def flank_slopes(x: Array, height: Array, grain: float) -> tuple[float, float]:
     return left, right
 
 
+def holds(one: Quantity, true: float) -> bool:
+    low, high = one.interval95
+    return low <= true <= high
+
+
 def held(centres: Array, grain: float, down: float) -> Iterator[tuple[bool, bool]]:
     """Whether the interval of each angle from every side holds that of the level view, with and without the part."""
     view = View((0.0, 0.0), 0.0, 1.0, AWAY * math.tan(math.radians(down)), AWAY)
@@ -104,9 +109,8 @@ def held(centres: Array, grain: float, down: float) -> Iterator[tuple[bool, bool
         undone = undo_view(x[there], above[there], view, flank_slopes(x[there], above[there], grain))
         for name, one in angles(*undone, grain, down).items():
             if name in level:
-                apart = abs(one.value - level[name].value)
                 rest = math.sqrt(one.std_uncertainty**2 - one.budget.get("view from above", 0.0) ** 2)
-                yield apart <= WIDE * one.std_uncertainty, apart <= WIDE * rest
+                yield holds(one, level[name].value), holds(replace(one, std_uncertainty=rest), level[name].value)
 
 
 def rows(folder: Path) -> Iterator[Row]:

@@ -23,10 +23,9 @@ SIDEWAYS = math.radians(2.0)  # prior standard deviation of the angle between vi
 CONVERGENCE_STD = math.tan(SIDEWAYS) / FOCAL_LENGTH * math.exp(FOCAL_UNCERTAINTY**2)
 NOT_QUITE = math.radians(0.012)  # standard uncertainty of straightness and parallelism of a plate's edges
 ELSEWHERE = math.radians(0.15)  # the same for long edges of a picture without a base plate
-# the same for edges beside those of the plate, of which some are the pattern of a wall: 32 films of tilts by VTK, and 5
-# by a path tracer
-BESIDE = math.radians(0.5)
-ALONE = math.radians(0.5)  # the same if no edge of the plate is found
+# the same for edges that are none of the plate, of which some are the pattern of a wall: 32 films of tilts by VTK (make
+# bench-unseen), and 5 by a path tracer
+ALONE = math.radians(0.5)
 FAINT = 0.35  # minimum strength of a plate's edge relative to the strongest one
 POOR = math.radians(0.06)  # largest standard uncertainty of an edge's direction
 ODD = 4.0  # residuals are clipped at this many standard uncertainties
@@ -68,7 +67,7 @@ def find_level(
     strongest = max((line.strength for line in lines if line.middle[1] > below), default=0.0)
     # faint lines below the rig are wood grain of a table or borders of shadows
     plate = np.array([line.middle[1] > below and line.strength > FAINT * strongest for line in lines])
-    systematic = np.where(plate, NOT_QUITE, BESIDE) if np.any(plate) else np.full(len(lines), ALONE)
+    systematic = np.where(plate, NOT_QUITE, ALONE)
     centre = ((width - 1) / 2, (height - 1) / 2)
     usual = 0.0, CONVERGENCE_STD / width
     return _fit(lines, systematic, centre, usual if converging is None else _combined(usual, converging))

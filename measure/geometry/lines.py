@@ -16,7 +16,6 @@ from rigtwin.measure.robust import mad_std
 STEP = math.radians(0.1)  # angular resolution of the Hough transform
 MOST_TURNS = 10  # of the sub-pixel refinement: 3 to 10 are needed where the blur has a sigma of 1 to 4 px
 SETTLED = 0.02  # [px], by which a line moves at most when its refinement ends
-WALKED = 4.0  # [px], from the peak of the Hough transform beyond which a line lies on another edge
 
 
 @dataclass(frozen=True)
@@ -138,7 +137,7 @@ def _laid(change: FloatImage, angle: float, row: float, shortest: float) -> Line
         offset, slope = offset + constant, slope + lean
         moved = abs(constant) + abs(lean) * width / 2
         span = x[run[0]], x[run[1]]
-    if abs(offset - row) > WALKED:
+    if abs(offset - row) > reach[-1]:  # it has moved on to another edge
         return None
     ends = [(float(end), offset + (float(end) - width / 2) * slope) for end in span]
     return Line(ends[0], ends[1], sigma, float(np.median(np.sqrt(power[inside]))))

@@ -28,7 +28,9 @@ from rigtwin.measure.tracking.link import path_marks
 Region = tuple[float, float, float, float]
 
 LEAST_LEAP = 0.5  # [bead diameters], minimum jump from the hitting bead to the one that is hit
-LEAST_WAY = 2.2  # [bead diameters], shortest path of a bead that falls or leaves; its pieces are shorter
+LEAST_WAY = (
+    2.2  # [bead diameters], shortest path of a bead; pieces of one are shorter (films by VTK, make bench-unseen)
+)
 MOST_MEETINGS = 8  # number of candidate collisions with the highest scores that are verified in the film
 COMPARABLE = 0.4  # minimum score of a candidate over the best one
 HUNG = 0.5  # minimum change at B's rest position over the contrast of the beads
@@ -39,7 +41,7 @@ INNER = 0.7  # share of a bead's radius within which all pixels show the bead
 ONE_SIDED = 0.6  # minimum |mean difference| over mean |difference| from the scene for a bead of known contrast
 MANY = 20_000  # number of pixels that is enough for the median of a picture
 SHORTEST_HALF = 0.1  # [s], minimum half period: that of a thread of 10 mm
-LAST = 8  # [frames], before and after a hit, in which the speeds are sought
+LAST = 8  # [frames], before and after a hit, in which the speeds are sought (films by VTK, make bench-unseen)
 LOST = 4  # [frames] without detection after which a path has ended
 
 

@@ -181,7 +181,7 @@ def _changed_in_scene(
     numbers: Sequence[int],
     rows: npt.NDArray[np.int64],
     columns: npt.NDArray[np.int64],
-    covered: npt.NDArray[np.bool_] | None = None,
+    covered: npt.NDArray[np.bool_] | None,
 ) -> npt.NDArray[np.float32]:
     """Change [grey levels] of each cut to the later frames at the same places of the scene; shape (n, n, ...).
 

@@ -35,7 +35,7 @@ PARALLEL = math.radians(0.35)  # largest angle between edges of the arm
 # slope of the edge in a pixel of the arm's picture beyond which it belongs to no edge of the arm: what stands still in
 # the scene turns there by at least half of the arm's turn
 ASLANT = math.tan(math.radians(6))
-IN_LINE = 1.0  # [px], across the arm, between rises and falls of one edge
+IN_LINE = 1.0  # [px], across the arm, between rises and falls of one edge; borders of a plate are 3 px apart or more
 NOT_PARALLEL = math.radians(0.025)  # standard deviation of the angle between edges of an arm
 
 
@@ -402,9 +402,9 @@ def _edge_at(row: int, change: Array, along: Array, across: Array, width: int) -
     band = change[row - 3 : row + 4]
     rises, falls = np.maximum(band, 0), np.maximum(-band, 0)
     rows = across[row - 3 : row + 4]
-    apart = [float(np.sum(part**2 * rows[:, None]) / max(np.sum(part**2), 1e-9)) for part in (rises, falls)]
+    middle = [float(np.sum(part**2 * rows[:, None]) / max(np.sum(part**2), 1e-9)) for part in (rises, falls)]
     steep = np.abs(band)
-    if rises.any() and falls.any() and abs(apart[0] - apart[1]) > IN_LINE:
+    if rises.any() and falls.any() and abs(middle[0] - middle[1]) > IN_LINE:
         steep = rises if rises.sum() > falls.sum() else falls
     support = np.max(steep, axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
