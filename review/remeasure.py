@@ -296,7 +296,7 @@ def _remembering(rig: str) -> Callable[..., Any]:
 
 
 def _load() -> None:
-    for rig in ("drop", "pile"):
+    for rig in ("drop", "packing", "pile"):
         import_module(f"rigtwin.measure.{rig}.measurement")
 
 

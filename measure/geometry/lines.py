@@ -16,6 +16,7 @@ from rigtwin.measure.robust import mad_std
 STEP = math.radians(0.1)  # angular resolution of the Hough transform
 MOST_TURNS = 10  # of the sub-pixel refinement: 3 to 10 are needed where the blur has a sigma of 1 to 4 px
 SETTLED = 0.02  # [px], by which a line moves at most when its refinement ends
+UNMOVED = 1e-3  # in the unit of the fitted values, by which a robust line moves at most when its fit ends
 
 
 @dataclass(frozen=True)
@@ -150,15 +151,19 @@ def straight(x: Array, y: Array, weight: Array) -> tuple[tuple[float, float], fl
     """
     usual = np.ones_like(y)
     offset, slope, miss, scale = 0.0, 0.0, np.abs(y), 1.0
+    farthest = float(np.abs(x).max(initial=0.0))
     for _ in range(12):
         w = weight * usual
         total = w.sum() + 1e-12
         mean_x, mean_y = (w @ x) / total, (w @ y) / total
+        before = offset, slope
         slope = float((w @ ((x - mean_x) * (y - mean_y))) / (w @ (x - mean_x) ** 2 + 1e-12))
         offset = float(mean_y - slope * mean_x)
         miss = np.abs(y - offset - slope * x)
         scale = max(mad_std(miss, centre=0.0), 0.05)
         usual = 1 / (1 + (miss / (2.5 * scale)) ** 2) ** 2
+        if abs(offset - before[0]) + abs(slope - before[1]) * farthest < UNMOVED:
+            break
     w = weight * usual
     # residuals of neighbouring columns are correlated (texture, compression): ten columns count as one independent one
     sigma = scale * math.sqrt(10 * float(w @ (w * (x - w @ x / w.sum()) ** 2))) / float(w @ (x - w @ x / w.sum()) ** 2)
