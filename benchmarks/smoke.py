@@ -62,7 +62,6 @@ SCRIPTS = (
     Script("campaign", 16, "campaign/kills.py"),
     Script("soak", 2, "soak.py"),
     Script("beds-from-above", 8, "measure/beds_from_above.py"),
-    Script("heaps-from-above", 4, "measure/heaps_from_above.py"),
     Script("sweep-speed", 1, "campaign/sweep_speed.py"),
     Script("throughput", 3, "campaign/throughput.py"),
     Script("poured-bed", 8, "engine/poured_bed.py"),

@@ -33,7 +33,6 @@ AVERAGES_OUT = frozenset(
         "flow over time",
         "scatter of avalanches",
         "scatter of the flow",
-        "view from above",
     }
 )
 

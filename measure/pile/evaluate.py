@@ -27,14 +27,6 @@ FLAWED = 3.0  # [deg], added to the uncertainty of an angle whose outline is unr
 
 GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # grains per cubed grain diameter, at the solid fraction 0.6 of a loose bed
 
-# standard uncertainty of the angle of a flank [deg] for each degree by which the camera looks down on grains that hide
-# others, on a base of up to FEW_GRAINS grains, less in proportion on a wider one: the line through the outline after
-# correction of the view differs by 0.15 to 0.25 from the level one in 41 heaps of 8 to 28 beads, by 0.08 in wider ones.
-# In 9 settled heaps of the twin 98 to 100 % of the intervals hold the angle with and without this part
-# (benchmarks/measure/heaps_from_above.py)
-FROM_ABOVE, FEW_GRAINS = 0.17, 20.0
-BOTH_FLANKS = 0.83  # of which the mean of two flanks has this share, in the same heaps
-
 OVERHANG = 3.0  # [grains], by which a heap may be wider than its base: less than one at each end, and one for reading
 COVERED_BASE = 0.9  # share of a stated base that a heap must cover for a geometric angle over that base
 
@@ -53,7 +45,6 @@ class Observation:
     notes: tuple[str, ...] = ()  # warnings about the photo's file
     flank: Flank | None = None  # the flanks that are measured, where they are stated
     unsure_base: str = ""  # why the base line's height is doubtful, on which slopes along the flanks do not depend
-    looking_down: float = 0.0  # [deg], of the camera
 
 
 def evaluate(
@@ -191,19 +182,6 @@ def _angles(
     return angles
 
 
-def from_above(looking_down: float, grains_across: float) -> float:
-    """Standard uncertainty [deg] of the angle of a flank that is seen from above.
-
-    Parameters
-    ----------
-    looking_down : float
-        Angle by which the camera looks down [deg].
-    grains_across : float
-        Width of the base in grain diameters.
-    """
-    return FROM_ABOVE * abs(looking_down) * min(1.0, FEW_GRAINS / grains_across)
-
-
 def _quantities_of_view(
     seen: Observation, heap: repose_angles.Heap, base_diameter: float | None, grain: float | None
 ) -> list[Quantity]:
@@ -227,9 +205,6 @@ def _quantities_of_view(
             for part, pair in varied.items()
         }
         budget |= _definition_uncertainty(heap, grainy, angles, name, method, side)
-        if name == GRAPHICAL:
-            share = BOTH_FLANKS if side == "mean" else 1.0
-            budget["view from above"] = share * from_above(seen.looking_down, heap.base_width / heap.grain)
         if name == GEOMETRIC and side == "mean" and base_diameter is not None and seen.profile.base is None:
             # change of atan(2 H / B) or atan(4 S / B^2) by an error of the scale: H and S are measured, B is stated
             slant = math.sin(2 * math.radians(angle)) * (0.5 if method == "apex" else 1.0)
@@ -386,9 +361,9 @@ def _combined(name: str, method: str, ones: Sequence[Quantity]) -> Quantity:
     ones = [one for one in ones if not one.doubtful] or ones
     values = np.array([one.value for one in ones])
     alone = len(ones) == 1
-    # the roughness of a side and what it hides are in the scatter; all views show the same top grain: its part stays
-    independent = () if alone else ("grain roughness", "view from above")
-    parts = sorted({part for one in ones for part in one.budget if part not in independent})
+    # the roughness of a side is in the scatter; all views show the same top grain: its part stays
+    independent = "" if alone else "grain roughness"
+    parts = sorted({part for one in ones for part in one.budget if part != independent})
     budget = {part: float(np.mean([one.budget.get(part, 0.0) for one in ones])) for part in parts}
     deviation = 0.0 if alone else float(values.std(ddof=1))
     if not alone:

@@ -132,7 +132,6 @@ def observe_photo(
         odd,
         camera.flank,
         NO_BASE if found.view.radius == 0 else _faint_rim(found),
-        found.view.looking_down,
     )
     view = {
         "scale_m_per_px": None if scale is None else scale * found.zoom,

@@ -82,7 +82,7 @@ def test_repetitions_that_agree_by_chance_keep_an_uncertainty():
     "part",
     [
         "tracking", "repetition", "grain roughness", "grain at apex and foot", "scatter of views and sides",
-        "flow over time", "scatter of avalanches", "scatter of the flow", "view from above",
+        "flow over time", "scatter of avalanches", "scatter of the flow",
     ],
 )  # fmt: skip
 def test_what_differs_from_repetition_to_repetition_averages_out(part):

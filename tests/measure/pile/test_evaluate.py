@@ -76,21 +76,6 @@ def test_every_definition_is_listed_once_and_the_line_comes_first() -> None:
     assert not found.warnings
 
 
-@pytest.mark.parametrize(("left", "right"), [(30, 30), (35, 35)])
-def test_what_a_camera_above_the_heap_hides_is_part_of_the_graphical_angles(left: float, right: float) -> None:
-    profile = heap(left, right)
-    level, above = (
-        evaluate_views([Observation(profile, grain=GRAIN, looking_down=down)], None, GRAIN) for down in (0.0, 8.0)
-    )
-    wide = HEIGHT / math.tan(math.radians(left)) + HEIGHT / math.tan(math.radians(right))
-    flank = 0.17 * 8.0 * 20 * GRAIN / wide
-    for side, part in (("left", flank), ("right", flank), ("mean", 0.83 * flank)):
-        found, before = (pick(each, GRAPHICAL, LINE, side) for each in (above, level))
-        assert found.budget["view from above"] == pytest.approx(part, rel=0.05)
-        assert found.std_uncertainty == pytest.approx(math.hypot(before.std_uncertainty, part), rel=0.05)
-    assert "view from above" not in pick(above, GEOMETRIC, "apex", "mean").budget
-
-
 def test_a_lines_budget_is_its_roughness_and_window_and_half_of_both_sides_in_the_mean() -> None:
     profile = heap(28, 33)
     parts, found = parts_of(profile), evaluate([profile], bead_diameter=GRAIN)
