@@ -396,11 +396,15 @@ def _printable(message: str) -> str:
 
 
 def _meant(error: Any, context: Any) -> str:
-    """The command or option that is near an unknown one; empty where none is, or something else is wrong."""
+    """What to give in place of an unknown command or option: the one that is near, or all commands."""
     if option := getattr(error, "option_name", ""):
-        return near(option, [name for one in context.command.get_params(context) for name in one.opts])
-    unknown = re.match(UNKNOWN, error.format_message())
-    return near(unknown[1], context.command.list_commands(context)) if unknown else ""
+        meant, known = near(option, [name for one in context.command.get_params(context) for name in one.opts]), []
+    elif unknown := re.match(UNKNOWN, error.format_message()):
+        known = context.command.list_commands(context)
+        meant = near(unknown[1], known)
+    else:
+        return ""
+    return f"; did you mean {meant!r}" if meant else f"; there are {', '.join(known)}" if known else ""
 
 
 def _usage(error: typer.TyperException) -> str:
@@ -411,7 +415,7 @@ def _usage(error: typer.TyperException) -> str:
         words = re.sub(theirs, ours, words)
     words = re.sub(PROPOSED, "", words).rstrip(".?")
     meant = _meant(error, context) if context is not None else ""
-    return f"{words}{f'; did you mean {meant!r}' if meant else ''}; see `{command} --help`."
+    return f"{words}{meant}; see `{command} --help`."
 
 
 if __name__ == "__main__":

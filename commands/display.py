@@ -190,13 +190,7 @@ def _tell_comparison(console: Console, comparison: Comparison) -> None:
     console.print(escape(comparison.headline))
     console.print("[dim]z:[/dim] the difference over its standard uncertainty; beyond the limit the two differ")
     _tell_rest(console, rest, "the report and deviations.csv")
-    notes: dict[tuple[str, str], list[str]] = {}
-    for row in primary:
-        notes.setdefault((row.experiment, row.note), []).append(title(row.quantity))
-    for (name, note), quantities in notes.items():
-        if note:
-            of = ", ".join(dict.fromkeys([name, *quantities]))
-            console.print(f"[dim]note:[/dim] {escape(f'{of}: {note}')}")
+    _tell_notes(console, primary)
     _tell_warnings(console, primary, [one.measured for one in comparison.outcomes], comparison_warnings(comparison))
     for sentence in comparison.lab.notes:
         console.print(f"[dim]note:[/dim] {escape(sentence)}")
@@ -214,6 +208,19 @@ def _tell_rest(console: Console, rest: Sequence[Deviation], place: str) -> None:
         off = [f"{number} {words}" for words, number in counts if words.endswith(("differ", "differs"))]
         some = f"; of these {', '.join(off)}" if off else ""
         console.print(f"{len(rest)} more (later bounces, single sides, other methods) in {place}{some}")
+
+
+def _tell_notes(console: Console, rows: Sequence[Deviation]) -> None:
+    """The notes of the rows, each once for all quantities of an experiment that have it."""
+    from rigtwin.lab.formatting import title
+
+    notes: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        notes.setdefault((row.experiment, row.note), []).append(title(row.quantity))
+    for (name, note), quantities in notes.items():
+        if note:
+            of = ", ".join(dict.fromkeys([name, *quantities]))
+            console.print(f"[dim]note:[/dim] {escape(f'{of}: {note}')}")
 
 
 def _check_failed(row: Deviation) -> str:
@@ -272,6 +279,7 @@ def _tell_lab_measurements(console: Console, found: LabMeasurements) -> None:
     if found.headline:
         console.print(found.headline)
     _tell_rest(console, rest, "measurements.csv")
+    _tell_notes(console, primary)
     _tell_warnings(console, primary, found.measured, found.warnings)
     for path in found.files.values():
         typer.echo(f"wrote {path}")

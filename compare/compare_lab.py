@@ -223,7 +223,7 @@ def _measured_and_run(
     lost: dict[str, dict[int, str]] = {}
     filmed, seen = {one.id: one for one in experiments}, dict.fromkeys((one.id for one in experiments), "")
 
-    def run(waiting: Sequence[Experiment], measured: Mapping[str, Measured]) -> None:
+    def run(waiting: Sequence[Experiment], measured: Mapping[str, Measured], progress: Progress) -> None:
         """Run the twins of the experiments that are `waiting` for nothing any more."""
         if where is not None:
             many = [one for one in waiting if entry_of(one).many_particles]
@@ -256,7 +256,7 @@ def _measured_and_run(
         wanted = [one for one in experiments if one.id not in twins and one.id not in without]
         early = [one for one in wanted if not entry_of(one).needs_measurement(one)]
         with measuring(experiments, out, workers, again=again) as pending:
-            run(early, {})
+            run(early, {}, pending.keeping(progress))
             measured = pending.results(progress)
         measured_after = time.perf_counter() - clock
         for experiment in experiments:
@@ -267,7 +267,7 @@ def _measured_and_run(
                 filmed[one.id], seen[one.id] = as_seen(one, measured[one.id].measurements, settings["count"])
             except BadInput as error:
                 without[one.id] = str(error).rstrip(".")
-        run([filmed[one.id] for one in late if one.id not in without], measured)
+        run([filmed[one.id] for one in late if one.id not in without], measured, progress)
     seconds = {f"twin of {name}": sum(twin.seconds for twin in runs) for name, runs in twins.items()}
     seconds["measuring, beside early twins"] = measured_after
     return _Ran(measured, twins, without, lost, filmed, seen, seconds)
@@ -324,7 +324,8 @@ def _note_of_kept(folder: Path, experiments: Sequence[Experiment]) -> Iterator[N
     try:
         yield
     except KeyboardInterrupt as stop:
-        if not getattr(stop, "__notes__", None) and any(checkpoints(folder, one) for one in experiments):
+        said = " ".join(getattr(stop, "__notes__", ()))
+        if str(folder) not in said and any(checkpoints(folder, one) for one in experiments):
             stop.add_note(f"twins that have run are kept in {folder}; the same command continues from there.")
         raise
 

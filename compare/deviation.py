@@ -36,6 +36,9 @@ AVERAGES_OUT = frozenset(
     }
 )
 
+ONLY_MEASURED = "only measured"
+"""Why there is no twin where none was asked for, which no note says."""
+
 # The results of the rigs, each with the number of its methods that are shown first.
 RESULTS = {
     "restitution_wall": 2,
@@ -776,7 +779,7 @@ def _lone(run_name: str, measured: Combined, simulated: Combined) -> list[str]:
 
 def _note(run_name: str, measured: Combined, simulated: Combined | None, set_from: str, without_twin: str) -> str:
     notes = ["the measured value is stated in lab.toml"] if measured.stated else []
-    if simulated is None:
+    if simulated is None and without_twin != ONLY_MEASURED:
         notes.append(f"no twin: {without_twin}" if without_twin else "the twin gives no such number")
     if simulated is not None and not set_from and (lone := _lone(run_name, measured, simulated)):
         what = run_name or "repetition"
@@ -787,7 +790,7 @@ def _note(run_name: str, measured: Combined, simulated: Combined | None, set_fro
         for name, one, what in sides
         if one is not None and one.prior is not None
     ]
-    if few and simulated is not None and measured.prior is not None and measured.scatter is not None:
+    if few and measured.prior is not None and measured.scatter is not None:
         notes.append(
             f"{' and '.join(few)}: a scatter of {100 * measured.scatter:.2g} % is in the uncertainty "
             f"({measured.prior.source})"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigtwin.compare import result_files
 from rigtwin.compare.chosen import chosen, known_scatter
-from rigtwin.compare.deviation import Deviation, deviations
+from rigtwin.compare.deviation import ONLY_MEASURED, Deviation, deviations
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Failure, Measured, folders, measuring
 from rigtwin.compare.preflight import need_fitting_media, refused_twins
@@ -70,7 +70,7 @@ class LabMeasurements:
                 one.quantities,
                 (),
                 set_from=set_by_hand(one.experiment),
-                without_twin="only measured",
+                without_twin=ONLY_MEASURED,
                 scatter=partial(known_scatter, one.experiment),
                 failed_checks=one.failed_beside,
             )

@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -115,7 +115,7 @@ class Measured:
             *filter(None, (heavier_than_its_solid(self.experiment.particle) if own else "",)),
             *rejections(self.experiment),
             *(f"{failure.source.name} was left out: {failure.message}" for failure in self.failures),
-            *(_with_source(item, warning) for item in self.measurements for warning in item.warnings),
+            *_of_files(self.measurements),
             *_left_out(self.measurements),
             *_replaced(self.experiment, self.measurements),
             *_contradicted(self.experiment, self.measurements),
@@ -290,7 +290,14 @@ def measuring(
             for k, found in before.items()
             if found is not None
         }
-        yield Pending(experiments, [job[0].id for job in jobs], done, started, kept, keys)
+        pending = Pending(experiments, [job[0].id for job in jobs], done, started, kept, keys)
+        try:
+            yield pending
+        except KeyboardInterrupt as stop:
+            pending.keep_finished()
+            if 0 < (here := len(done) + len(pending.saved)) < len(jobs):
+                stop.add_note(f"{here} of {len(jobs)} measurements are kept; the same command measures the others.")
+            raise
 
 
 @dataclass(frozen=True)
@@ -306,6 +313,41 @@ class Pending:
     """Numbers of the repetitions that are measured."""
     kept: KeptMeasurements
     keys: Mapping[int, str]
+    saved: set[int] = field(default_factory=set)
+    """Numbers of the repetitions whose new measurements are kept by now."""
+
+    def keep_finished(self) -> None:
+        """Keep what is measured by now, without waiting for the rest; what failed unexpectedly is left to `results`."""
+        for job, number in self.started.items():
+            if number not in self.saved and job.done() and not job.cancelled() and job.exception() is None:
+                self._keep(number, job.result())
+
+    def keeping(self, progress: Progress) -> Progress:
+        """Keep measurements that have ended while other work goes on.
+
+        Parameters
+        ----------
+        progress : Progress
+            That of the other work.
+
+        Returns
+        -------
+        Progress
+            The same, which keeps them before.
+        """
+
+        def both(stage: str, done: float, total: float) -> None:
+            self.keep_finished()
+            progress(stage, done, total)
+
+        return both
+
+    def _keep(self, number: int, found: Measurement | Failure) -> None:
+        if isinstance(found, Failure):
+            self.kept.keep(self.keys[number], found.message, found.picture)
+        else:
+            self.kept.keep(self.keys[number], found)
+        self.saved.add(number)
 
     def results(self, progress: Progress = silent) -> Mapping[str, Measured]:
         """Wait for all measurements, and keep them.
@@ -326,11 +368,9 @@ class Pending:
         for job in as_completed(self.started):
             progress("measuring repetitions", len(done), total)
             number = self.started[job]
-            found = done[number] = job.result()
-            if isinstance(found, Failure):
-                self.kept.keep(self.keys[number], found.message, found.picture)
-            else:
-                self.kept.keep(self.keys[number], found)
+            done[number] = job.result()
+            if number not in self.saved:
+                self._keep(number, done[number])
         progress("measuring repetitions", total, total)
         unknown = {name for number, name in enumerate(self.names) if number not in done}
         mine: dict[str, list[Measurement | Failure]] = {
@@ -512,9 +552,14 @@ def _contradicted(experiment: Experiment, measurements: Sequence[Measurement]) -
             )
 
 
-def _with_source(item: Measurement, warning: str) -> str:
-    """The warning with the name of its file, unless it already names one of several views."""
-    views = {str(quantity.detail["view"]) for quantity in item.quantities if "view" in quantity.detail}
-    if any(warning.startswith(f"{view}: ") for view in views):
-        return warning
-    return f"{item.source.name}{' and its other views' if views else ''}: {warning}"
+def _of_files(measurements: Sequence[Measurement]) -> Iterator[str]:
+    """The warnings, each once, with the names of their files, unless they already name one of several views."""
+    files: dict[tuple[str, str], list[str]] = {}
+    for item in measurements:
+        views = {str(quantity.detail["view"]) for quantity in item.quantities if "view" in quantity.detail}
+        for warning in item.warnings:
+            named = any(warning.startswith(f"{view}: ") for view in views)
+            others = " and its other views" if views and not named else ""
+            files.setdefault((others, warning), []).extend([] if named else [item.source.name])
+    for (others, warning), names in files.items():
+        yield f"{few_of(list(dict.fromkeys(names)))}{others}: {warning}" if names else warning

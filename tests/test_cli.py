@@ -500,6 +500,7 @@ def test_a_group_of_commands_alone_shows_its_help_page_line_by_line(capfd):
 
 def test_a_misspelt_command_is_answered_in_one_sentence(capfd):
     refused(["measur", "drop"], capfd, "'measur'; did you mean 'measure'; see")
+    refused(["export", "lammps", "drop"], capfd, "'drop'; there are packing, pile, drum, hopper, custom; see")
 
 
 def test_a_fault_of_the_program_is_one_sentence_and_code_1(monkeypatch, capfd):

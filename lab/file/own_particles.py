@@ -21,7 +21,7 @@ from rigtwin.lab.file.schema import (
 )
 from rigtwin.lab.file.toml_lines import Key
 from rigtwin.lab.input_files import OUTSIDE, lies_outside, unquoted
-from rigtwin.lab.materials import Material, Particle, clumped, no_bead_has, no_bead_is, sized
+from rigtwin.lab.materials import HAIR, Material, Particle, clumped, no_bead_has, no_bead_is, sized
 from rigtwin.lab.size_distributions import Law, Sizes, listed, lognormal, normal, sieved, uniform
 from rigtwin.lab.stl import STL_UNITS
 from rigtwin.lab.stl_grain import SphereFilling, filled_file
@@ -200,7 +200,13 @@ def _shape(entry: ParticleEntry, folder: Path, allow_outside: bool) -> Clump | N
         if outside and not allow_outside:
             raise BadInput(f"{path} {OUTSIDE}")
         with unquoted(path, outside=outside):
-            return _filling(entry, folder).clump
+            clump = _filling(entry, folder).clump
+        width = (6 * clump.volume / math.pi) ** (1 / 3)
+        if width < HAIR and "stl_unit" not in entry.model_fields_set:
+            raise BadInput(
+                f"{entry.stl} would be {1e6 * width:.2g} um wide in mm; state stl_unit, the unit of the file."
+            )
+        return clump
     if entry.spheres is None:
         return None
     if isinstance(entry, ModelParticleEntry) and entry.volume is not None and entry.gyration is not None:

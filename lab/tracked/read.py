@@ -82,6 +82,9 @@ class Understood:
         return "; ".join(filter(None, parts))
 
 
+SCALE_UNKNOWN = "the table does not say how well its scale is known: that is not part of the uncertainties of lengths."
+
+
 @dataclass(frozen=True)
 class TrackedBodies:
     """Tracks of a table and how they were understood."""
@@ -679,10 +682,13 @@ def _numbers(table: Table, column: Column, rows: Sequence[int], *, gaps: bool = 
 
 
 def _rate(times: Sequence[Array]) -> float:
-    """Frame rate [1/s], NaN for a single time; the mean of all intervals, as times may be rounded or frames lost."""
+    """Frame rate [1/s], NaN for a single time; the mean of all intervals, as times may be rounded or frames lost.
+
+    An interval counts as many frames as it holds of the shorter quarter: up to three of four may have a frame lost.
+    """
     steps = np.concatenate([np.diff(each) for each in times])
     steps = steps[steps > 0]
     if not len(steps):
         return math.nan
-    frames = np.maximum(np.round(steps / np.median(steps)), 1)
+    frames = np.maximum(np.round(steps / np.quantile(steps, 0.25, method="lower")), 1)
     return float(np.sum(frames) / np.sum(steps))

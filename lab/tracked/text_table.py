@@ -73,13 +73,13 @@ def read_text_table(path: Path) -> Table:
     for line, cells in heads[0 if at is None else at + 1 :]:
         # a damaged row, no header: below the names no line of a header holds a number
         if not line.comment and sum(_is_number(cell, separator) for cell in cells) >= (2 if at is None else 1):
-            raise BadInput(f"{path}, line {line.number}: {len(cells)} cells where the table has {width}.")
+            raise _uneven(path, line, len(cells), width, separator)
     names, units, titles = _header(heads, width, at)
     if nameless := not any(names):
         names = tuple(str(k + 1) for k in range(width))
     for line, cells in body:
         if len(cells) != width:
-            raise BadInput(f"{path}, line {line.number}: {len(cells)} cells where the table has {width}.")
+            raise _uneven(path, line, len(cells), width, separator)
     kind, default, up = _kind([line.text for line, _ in heads], names, titles)
     if titles == () and kind == "Tracker table" and heads:
         titles = tuple(heads[0][1][0] for _ in names)
@@ -97,6 +97,11 @@ def read_text_table(path: Path) -> Table:
         up,
         left_out,
     )
+
+
+def _uneven(path: Path, line: _Line, cells: int, width: int, separator: str) -> BadInput:
+    advice = "; numbers with decimal commas need semicolons or tabs between them" if separator == "," else ""
+    return BadInput(f"{path}, line {line.number}: {cells} cells where the table has {width}{advice}.")
 
 
 def _begins_another(before: _Line, line: _Line, cells: Sequence[str], separator: str) -> bool:

@@ -191,7 +191,7 @@ def _bent(x: Array, miss: Array, weight: Array) -> float:
     """Standard uncertainty of a slope from the mean residuals of the parts of a line, all shape (n,).
 
     Where a part follows another edge nearby, the foot of a post or the far edge of a plate, its mean lies off the line,
-    by much more than the scatter from column to column tells.
+    by much more than the scatter from column to column says.
     """
     part = np.digitize(x, np.linspace(x.min(), x.max(), PARTS + 1)[1:-1])
     total = np.bincount(part, weight, PARTS)

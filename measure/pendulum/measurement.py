@@ -48,6 +48,7 @@ from rigtwin.measure.refusal import shows_refusals
 UNCONFIRMED = (
     "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check."
 )
+VERTICAL_UNKNOWN = "the table does not say how well its vertical is known: that is not part of the uncertainties."
 
 
 @shows_refusals
@@ -192,7 +193,7 @@ def _measure_table(
     tracks = in_order(_named(read.tracks), variant)
     fit = fit_clip(record, tracks)
     view = scale_used(read, camera)
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = (VERTICAL_UNKNOWN,)
     if read.unit != "m":
         found = fit.propagate(outcomes_of)
         known = length is not None
@@ -201,7 +202,7 @@ def _measure_table(
         fit = fit_clip(record, tracks)
         per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
         view = {per: scale, "scale_from": "pendulum length" if known else "gravity"}
-        warnings = () if known else (UNCONFIRMED,)
+        warnings = (*warnings, *(() if known else (UNCONFIRMED,)))
     evaluation = judge(fit, None if view.get("scale_from") == "pendulum length" else length, bead_diameter, bead_mass)
     files = {}
     if out is not None:

@@ -727,7 +727,9 @@ def test_the_notes_name_the_scatter_that_was_used_and_both_sides_that_contradict
     assert measured == f"measured repetitions scatter by 10 %, {too_large}"
     assert simulated == f"simulated heaps scatter by 10 %, {too_large}"
     (row,) = compared(ones, [], "pile", scatter=lambda _: known, without_twin="it has no wall")
-    assert row.note.startswith("no twin: it has no wall; the 3 measured repetitions scatter by 10 %")
+    alone = "no twin: it has no wall; 3 measured repetitions: a scatter of 2 % is in the uncertainty"
+    assert row.note.startswith(alone)
+    assert row.note.endswith(f"; the 3 measured repetitions scatter by 10 %, {too_large}")
 
 
 def test_every_result_is_a_quantity_of_a_rig_and_comes_first_with_its_methods():

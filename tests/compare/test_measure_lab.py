@@ -4,6 +4,8 @@ import json
 import math
 import re
 import shutil
+from concurrent.futures import Future
+from contextlib import nullcontext
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 
@@ -122,6 +124,56 @@ def test_a_line_says_how_many_repetitions_are_measured_and_how_many_are_kept(lab
     assert "3 repetitions measured.\n" in said("--only", "drop")
     assert "1 repetition measured, 3 kept from before; --again measures all.\n" in said()
     assert "0 repetitions measured, 4 kept from before" in said()
+
+
+class Waiting:
+    """A pool that does the first two tasks and never comes to the others."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def submit(self, work, *arguments):
+        job = Future()
+        self.asked += 1
+        if self.asked <= 2:
+            job.set_result(work(*arguments))
+        return job
+
+
+def test_what_was_measured_before_an_interruption_is_kept_and_counted(lab, tmp_path, measured, monkeypatch):
+    import rigtwin.compare.measure_repetitions as subject
+
+    def impatient(_what, _done, _whole):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(subject, "spawned", lambda *_, **__: nullcontext(Waiting()))
+        with pytest.raises(KeyboardInterrupt) as stop:
+            measure_lab(lab, tmp_path / "out", impatient)
+    assert stop.value.__notes__ == ["2 of 4 measurements are kept; the same command measures the others."]
+    assert len(measured) == 2
+    measure_lab(lab, tmp_path / "out")
+    assert len(set(measured)) == len(measured) == 4
+
+
+def test_a_warning_of_many_files_is_one_line_and_a_scatter_in_the_uncertainty_is_named(lab, tmp_path, capsys):
+    assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("does not say how well its scale is known") == 1
+    assert "r1.csv and 2 others: the table does not say" in said
+    assert (
+        "note: bed, Bed height, Bulk density: 1 measured repetition: a scatter of 1 % is in the uncertainty (Hl" in said
+    )
+    assert "no twin" not in said
+
+
+def test_a_table_that_lost_every_third_row_has_the_frame_rate_of_its_film(tmp_path):
+    head, *rows = falls(0.5).splitlines()
+    (tmp_path / "track.csv").write_text("\n".join([head, *(row for k, row in enumerate(rows) if k % 3)]))
+    found = rigtwin.measure("drop", tmp_path / "track.csv")
+    assert found.table["frame_rate_hz"] == pytest.approx(240, rel=0.01)
+    (timing,) = [check for check in found.checks if check.check == "frame_timing"]
+    assert timing.value > 20
 
 
 def test_measuring_one_experiment_leaves_the_others_in_the_tables(lab, tmp_path, measured, capsys):

@@ -36,7 +36,8 @@ def own(folder: Path, keys: str) -> Particle:
 
 @pytest.fixture
 def grain(tmp_path):
-    """A box of 8 x 6 x 4 mm in millimetres."""
+    """A box of 8 x 6 x 4 mm, in millimetres and in metres."""
+    trimesh.creation.box((8e-3, 6e-3, 4e-3)).export(tmp_path / "in-metres.stl")
     trimesh.creation.box((8.0, 6.0, 4.0)).export(tmp_path / "grain.stl")
     return tmp_path
 
@@ -195,6 +196,7 @@ def test_one_diameter_or_one_mass_beside_sizes_is_refused(tmp_path, shape, words
         ('stl = "grain.stl"\nstl_spheres = 0', "stl_spheres", "not a whole number of at least 1"),
         ('stl = "grain.stl"\nstl_unit = "ft"', "stl_unit", "'ft' is not known; write 'mm'"),
         ('stl = "other.stl"', "stl", "no such file"),
+        ('stl = "in-metres.stl"', "stl", "would be 7.2 um wide in mm; state stl_unit"),
         ('stl = "lab.toml"', "stl", "STL"),
         ('stl = "../grain.stl"', "stl", "outside the lab's folder"),
         ('stl = "grain.stl"\nmass = "1 kg"', "mass", "more than any metal"),
