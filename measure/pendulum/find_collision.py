@@ -42,6 +42,10 @@ ONE_SIDED = 0.6  # minimum |mean difference| over mean |difference| from the sce
 MANY = 20_000  # number of pixels that is enough for the median of a picture
 SHORTEST_HALF = 0.1  # [s], minimum half period: that of a thread of 10 mm
 LAST = 8  # [frames], before and after a hit, in which the speeds are sought (films by VTK, make bench-unseen)
+FEWEST = 6  # positions of a fall
+SLOWEST = 1.0  # [px/frame], speed at which a bead is hit
+GAINED = 0.9  # largest speed at the beginning of a fall over that at its end
+HANDED_ON = 0.85  # speed of B after the hit over that of A before it, for equal beads with a restitution of 0.7
 LOST = 4  # [frames] without detection after which a path has ended
 
 
@@ -88,14 +92,18 @@ class Path:
             return np.zeros(2)
         return np.asarray((self.places[other] - self.places[one]) / (self.frames[other] - self.frames[one]))
 
-    def arriving(self) -> Array:
-        """Velocity [px/frame] before a hit: the largest mean over three steps among the last frames.
+    def up_to_the_hit(self) -> Path:
+        """The path up to the fastest three steps among its last frames.
 
         A bead gains speed until it hits.  Its last positions may be false: where it hangs for long after the hit, it is
         part of the picture of the still scene.
         """
         ends = range(max(len(self.frames) - LAST, 4), len(self.frames) + 1)
-        return max((self.part(0, end).velocity(at_end=True) for end in ends), key=lambda one: float(np.hypot(*one)))
+        return max((self.part(0, end) for end in ends), key=lambda one: float(np.hypot(*one.velocity(at_end=True))))
+
+    def arriving(self) -> Array:
+        """Velocity [px/frame] before a hit."""
+        return self.up_to_the_hit().velocity(at_end=True)
 
     def leaving(self) -> Array:
         """Median velocity [px/frame] over the first frames, in some of which two beads appear as one spot."""
@@ -299,6 +307,31 @@ def find_collision(
     return next((collision for collision in collisions if shown(collision)), collisions[0])
 
 
+def lone_falls(paths: list[Path]) -> list[Collision]:
+    """Collisions of which the path of bead A alone is seen, heaviest first: B is where a bead of its size is hit.
+
+    B is taken to leave in the direction and with most of the speed of A.
+    """
+    collisions = []
+    for path in sorted(paths, key=weight_of, reverse=True):
+        fall = with_beginning(path, paths)
+        if len(fall.frames) < FEWEST:
+            continue
+        fall = fall.up_to_the_hit()
+        arriving = fall.velocity(at_end=True)
+        speed, size = float(np.hypot(*arriving)), float(np.median(fall.sizes))
+        gains = float(np.hypot(*fall.velocity(at_end=False))) < GAINED * speed
+        if speed > SLOWEST and gains and fall.extent > LEAST_WAY * size:
+            rest = fall.places[-1] + size * arriving / speed
+            rise = Path(
+                [fall.frames[-1] + k for k in range(1, 5)],
+                [rest + k * HANDED_ON * arriving for k in range(4)],
+                [size] * 4,
+            )
+            collisions.append(Collision(fall, rise, rest, max(size / 2 + 0.5, 2.0)))
+    return collisions
+
+
 def _collision(fall: Path, rise: Path, paths: list[Path]) -> Collision:
     radius = float(np.median([*fall.sizes, *rise.sizes])) / 2 + 0.5
     return Collision(fall, rise, _rest_place(fall, rise, paths, radius), max(radius, 2.0))
@@ -397,7 +430,7 @@ def lone_swing(moving: list[Path], video: Video, stated_length: float | None) ->
 def _meeting(fall: Path, rise: Path) -> float:
     """Score of `rise` as the continuation of `fall` after a collision; 0 if it is not."""
     wait = rise.frames[0] - fall.frames[-1]
-    if not -3 <= wait <= 3 * LOST or len(fall.frames) < 6:
+    if not -3 <= wait <= 3 * LOST or len(fall.frames) < FEWEST:
         return 0.0
     arriving, leaving = fall.arriving(), rise.leaving()
     speed = float(np.hypot(*arriving))
@@ -407,12 +440,12 @@ def _meeting(fall: Path, rise: Path) -> float:
     gap = rise.places[0] - fall.places[-1]
     ahead = float(gap @ arriving) / max(speed, 1e-9)
     along = float(arriving @ leaving) / max(speed, 1e-9)
-    if speed < 1.0 or not 0.35 * speed < along < 1.3 * speed:
+    if speed < SLOWEST or not 0.35 * speed < along < 1.3 * speed:
         return 0.0
     if not -speed < ahead < 2.5 * size + (wait + 2.5) * speed or float(np.hypot(*gap)) > 3 * size + (wait + 3) * speed:
         return 0.0
     start_speed = float(np.hypot(*fall.velocity(at_end=False)))
-    if start_speed > 0.9 * speed:  # a bead that falls gains speed
+    if start_speed > GAINED * speed:
         return 0.0
     return (fall.extent + rise.extent) * math.sqrt(size)
 

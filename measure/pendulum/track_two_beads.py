@@ -9,7 +9,7 @@ Picture coordinates: x right, y down, centre of the top-left pixel (0, 0).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -30,6 +30,7 @@ from rigtwin.measure.pendulum.find_collision import (
     find_paths,
     hanging_place,
     hung,
+    lone_falls,
     marks_of,
     weight_of,
 )
@@ -46,6 +47,7 @@ SPARSER = (4, 16)  # frame steps that are tried if neighbouring frames are too s
 # weight of two paths that meet over that of the heaviest path, below which pieces of paths are tried, too: parts of
 # threads have 0.05 to 0.25 in films by VTK, beads beside a hand may have less
 LIGHT = 0.25
+MOST_ALONE = 3  # number of paths of A alone that are tried where no two paths meet
 FEWEST = 60  # minimum number of such frames in a clip
 SAMPLES = 21  # number of frames from which the background is learnt
 
@@ -120,7 +122,8 @@ def _collision(
     """Find the collision; if none is found, search again with a larger step between frames.
 
     In a high-speed film the common spot of both beads moves from one to the other without a jump, while spots of the
-    threads seem to meet.  Broken paths are joined only if no whole ones meet.
+    threads seem to meet.  Broken paths are joined only if no whole ones meet where a bead is seen to have hung, and the
+    path of A alone is taken only if it is heavier than all that meet.
     """
     seen: dict[int, list[Path]] = {}
     steady = _steady(scene, {index: frame.grey for index, frame in samples.items()})
@@ -155,10 +158,26 @@ def _collision(
             if best is None or found.weight > best.weight:
                 best = found
         # parts of threads seem to meet as well: what is much lighter than another path is taken if nothing else meets
-        if best is not None and (in_pieces or best.weight > LIGHT * heaviest):
+        if best is not None and best.weight > LIGHT * heaviest and shown((1, 0), best):
             return best
-    assert refused is not None
-    raise refused
+    least = max(LIGHT * heaviest, 0.0 if best is None else best.weight)
+    taken = _lone_fall(seen, least, video, shown) or best
+    if taken is None:
+        assert refused is not None
+        raise refused
+    return taken
+
+
+def _lone_fall(
+    seen: dict[int, list[Path]], least: float, video: Video, shown: Callable[[tuple[int, int], Collision], bool]
+) -> Collision | None:
+    """The first fall with a weight above `least` for which the film shows that a bead hung where it ends."""
+    for every, paths in seen.items():
+        pace = (1, 0) if every == 1 else (every, video.first)
+        for collision in lone_falls(paths)[:MOST_ALONE]:
+            if weight_of(collision.fall) > least and shown(pace, collision):
+                return collision.of_every(*pace)
+    return None
 
 
 def _right_after(video: Video, collision: Collision) -> Iterable[Frame]:
