@@ -37,7 +37,7 @@ AVERAGES_OUT = frozenset(
 )
 
 ONLY_MEASURED = "only measured"
-"""Why there is no twin where none was asked for, which no note says."""
+"""Reason for a missing twin that is not repeated in the notes: none was asked for."""
 
 # The results of the rigs, each with the number of its methods that are shown first.
 RESULTS = {

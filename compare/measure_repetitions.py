@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import contextmanager, suppress
@@ -293,10 +294,12 @@ def measuring(
         pending = Pending(experiments, [job[0].id for job in jobs], done, started, kept, keys)
         try:
             yield pending
-        except KeyboardInterrupt as stop:
+        except BaseException as stop:
             pending.keep_finished()
-            if 0 < (here := len(done) + len(pending.saved)) < len(jobs):
-                stop.add_note(f"{here} of {len(jobs)} measurements are kept; the same command measures the others.")
+            here = len(wanted) - len(new) + len(pending.saved)
+            if isinstance(stop, KeyboardInterrupt) and 0 < here < len(wanted):
+                same = "the same command without --again" if again else "the same command"
+                stop.add_note(f"{here} of {len(wanted)} measurements are kept; {same} measures the others.")
             raise
 
 
@@ -554,12 +557,14 @@ def _contradicted(experiment: Experiment, measurements: Sequence[Measurement]) -
 
 def _of_files(measurements: Sequence[Measurement]) -> Iterator[str]:
     """The warnings, each once, with the names of their files, unless they already name one of several views."""
-    files: dict[tuple[str, str], list[str]] = {}
+    alike = Counter(item.source.name for item in measurements)
+    files: dict[tuple[bool, str], dict[str, None]] = {}
     for item in measurements:
         views = {str(quantity.detail["view"]) for quantity in item.quantities if "view" in quantity.detail}
+        source = item.source.name if alike[item.source.name] == 1 else f"{item.source.parent.name}/{item.source.name}"
         for warning in item.warnings:
             named = any(warning.startswith(f"{view}: ") for view in views)
-            others = " and its other views" if views and not named else ""
-            files.setdefault((others, warning), []).extend([] if named else [item.source.name])
-    for (others, warning), names in files.items():
-        yield f"{few_of(list(dict.fromkeys(names)))}{others}: {warning}" if names else warning
+            files.setdefault((bool(views), warning), {}).update({} if named else {source: None})
+    for (several, warning), names in files.items():
+        theirs = f" and {'their' if len(names) > 1 else 'its'} other views" if several else ""
+        yield f"{few_of(list(names))}{theirs}: {warning}" if names else warning

@@ -200,13 +200,13 @@ def _shape(entry: ParticleEntry, folder: Path, allow_outside: bool) -> Clump | N
         if outside and not allow_outside:
             raise BadInput(f"{path} {OUTSIDE}")
         with unquoted(path, outside=outside):
-            clump = _filling(entry, folder).clump
-        width = (6 * clump.volume / math.pi) ** (1 / 3)
+            shape = _filling(entry, folder).clump
+        width = (6 * shape.volume / math.pi) ** (1 / 3)
         if width < HAIR and "stl_unit" not in entry.model_fields_set:
             raise BadInput(
-                f"{entry.stl} would be {1e6 * width:.2g} um wide in mm; state stl_unit, the unit of the file."
+                f"{entry.stl}, read in mm, is {1e6 * width:.2g} um wide; state stl_unit, the unit of the file."
             )
-        return clump
+        return shape
     if entry.spheres is None:
         return None
     if isinstance(entry, ModelParticleEntry) and entry.volume is not None and entry.gyration is not None:

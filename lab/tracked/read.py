@@ -42,6 +42,9 @@ LARGEST = 1e30  # of a number in any unit, far above any length or time; squares
 
 SAME_RATE = 0.005  # relative difference up to which a given frame rate and the table's times agree
 
+# with what is not known, such as "its scale is"
+NOT_STATED = "the table does not say how well {} known: that is not part of the uncertainties."
+
 
 @dataclass(frozen=True)
 class Understood:
@@ -80,9 +83,6 @@ class Understood:
             *self.notes,
         ]
         return "; ".join(filter(None, parts))
-
-
-SCALE_UNKNOWN = "the table does not say how well its scale is known: that is not part of the uncertainties of lengths."
 
 
 @dataclass(frozen=True)
@@ -682,13 +682,10 @@ def _numbers(table: Table, column: Column, rows: Sequence[int], *, gaps: bool = 
 
 
 def _rate(times: Sequence[Array]) -> float:
-    """Frame rate [1/s], NaN for a single time; the mean of all intervals, as times may be rounded or frames lost.
-
-    An interval counts as many frames as it holds of the shorter quarter: up to three of four may have a frame lost.
-    """
+    """Frame rate [1/s], NaN for a single time; the mean of all intervals, as times may be rounded or frames lost."""
     steps = np.concatenate([np.diff(each) for each in times])
     steps = steps[steps > 0]
     if not len(steps):
         return math.nan
-    frames = np.maximum(np.round(steps / np.quantile(steps, 0.25, method="lower")), 1)
+    frames = np.maximum(np.round(steps / np.median(steps)), 1)
     return float(np.sum(frames) / np.sum(steps))

@@ -100,7 +100,8 @@ def read_text_table(path: Path) -> Table:
 
 
 def _uneven(path: Path, line: _Line, cells: int, width: int, separator: str) -> BadInput:
-    advice = "; numbers with decimal commas need semicolons or tabs between them" if separator == "," else ""
+    commas = separator == "," and cells > width
+    advice = "; numbers with decimal commas need semicolons or tabs between them" if commas else ""
     return BadInput(f"{path}, line {line.number}: {cells} cells where the table has {width}{advice}.")
 
 

@@ -186,7 +186,7 @@ def timing_check(track: Track, bounces: Bounces, repeats: int, losses: Sequence[
     """
     time = track.time
     steps = np.diff(time)
-    usual = float(np.quantile(steps, 0.25, method="lower"))  # more than half of them may have a frame lost
+    usual = float(np.median(steps))
     inside = (time[1:] > bounces.apex_times[0]) & (time[1:] < time[bounces.used].max())
     missing = float(np.sum(np.maximum(np.round(steps[inside] / usual) - 1, 0)))
     moved = np.linalg.norm(np.diff(track.position, axis=0), axis=1)

@@ -15,7 +15,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Check, Evaluation, Measurement, Quantity, doubted, failed
 from rigtwin.lab.records import Track
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.lab.tracked.read import SCALE_UNKNOWN, read_bodies, scale_used
+from rigtwin.lab.tracked.read import NOT_STATED, read_bodies, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.lab.tracked.upright import by_fall
 from rigtwin.measure.drop.bounce_fit import Bounces
@@ -294,7 +294,7 @@ def _measure_table(
     bounces = bounces_of(track, drag if in_metres else AirDrag(), str(path), fitted=fitted, in_metres=in_metres)
     view = scale_used(read, camera)
     uncertainty = camera.scale_uncertainty(SCALE_UNCERTAINTY) if read.scaled else 0.0
-    warnings: tuple[str, ...] = (SCALE_UNKNOWN,) if in_metres and not read.scaled else ()
+    warnings: tuple[str, ...] = (NOT_STATED.format("its scale is"),) if in_metres and not read.scaled else ()
     if not in_metres:
         by_gravity, uncertainty = scale_by_gravity(bounces, 0.0)
         track = replace(track, position=track.position * by_gravity, sigma=track.sigma * by_gravity)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import cv2
@@ -42,7 +42,7 @@ ONE_SIDED = 0.6  # minimum |mean difference| over mean |difference| from the sce
 MANY = 20_000  # number of pixels that is enough for the median of a picture
 SHORTEST_HALF = 0.1  # [s], minimum half period: that of a thread of 10 mm
 LAST = 8  # [frames], before and after a hit, in which the speeds are sought (films by VTK, make bench-unseen)
-FEWEST = 6  # positions of a fall
+LEAST_FALL = 6  # positions of a fall
 SLOWEST = 1.0  # [px/frame], speed at which a bead is hit
 GAINED = 0.9  # largest speed at the beginning of a fall over that at its end
 HANDED_ON = 0.85  # speed of B after the hit over that of A before it, for equal beads with a restitution of 0.7
@@ -119,6 +119,7 @@ class Collision:
     rise: Path  # bead B from it on
     rest: Array  # [px], where B hangs
     radius: float  # [px]
+    rise_seen: bool = True  # else it is what the speed of A lets expect
 
     @property
     def weight(self) -> float:
@@ -136,7 +137,7 @@ class Collision:
         fall, rise = (
             Path([first + every * k for k in path.frames], path.places, path.sizes) for path in (self.fall, self.rise)
         )
-        return Collision(fall, rise, self.rest, self.radius)
+        return replace(self, fall=fall, rise=rise)
 
 
 def weight_of(path: Path) -> float:
@@ -312,24 +313,26 @@ def lone_falls(paths: list[Path]) -> list[Collision]:
 
     B is taken to leave in the direction and with most of the speed of A.
     """
-    collisions = []
-    for path in sorted(paths, key=weight_of, reverse=True):
-        fall = with_beginning(path, paths)
-        if len(fall.frames) < FEWEST:
+    moving = [path for path in paths if path.extent > LEAST_WAY * float(np.median(path.sizes))]
+    joined = [with_beginning(path, paths) for path in sorted(moving, key=weight_of, reverse=True)[:MOST_PIECES]]
+    collisions: dict[int, Collision] = {}  # by the end of the fall: pieces of one swing give the same one
+    for path in sorted(joined, key=weight_of, reverse=True):
+        if len(path.frames) < LEAST_FALL:
             continue
-        fall = fall.up_to_the_hit()
+        fall = path.up_to_the_hit()
         arriving = fall.velocity(at_end=True)
         speed, size = float(np.hypot(*arriving)), float(np.median(fall.sizes))
-        gains = float(np.hypot(*fall.velocity(at_end=False))) < GAINED * speed
-        if speed > SLOWEST and gains and fall.extent > LEAST_WAY * size:
+        if speed > SLOWEST and float(np.hypot(*fall.velocity(at_end=False))) < GAINED * speed:
             rest = fall.places[-1] + size * arriving / speed
+            steps = range(4)
             rise = Path(
-                [fall.frames[-1] + k for k in range(1, 5)],
-                [rest + k * HANDED_ON * arriving for k in range(4)],
-                [size] * 4,
+                [fall.frames[-1] + 1 + k for k in steps],
+                [rest + k * HANDED_ON * arriving for k in steps],
+                [size] * len(steps),
             )
-            collisions.append(Collision(fall, rise, rest, max(size / 2 + 0.5, 2.0)))
-    return collisions
+            radius = max(size / 2 + 0.5, 2.0)
+            collisions.setdefault(fall.frames[-1], Collision(fall, rise, rest, radius, rise_seen=False))
+    return list(collisions.values())
 
 
 def _collision(fall: Path, rise: Path, paths: list[Path]) -> Collision:
@@ -430,7 +433,7 @@ def lone_swing(moving: list[Path], video: Video, stated_length: float | None) ->
 def _meeting(fall: Path, rise: Path) -> float:
     """Score of `rise` as the continuation of `fall` after a collision; 0 if it is not."""
     wait = rise.frames[0] - fall.frames[-1]
-    if not -3 <= wait <= 3 * LOST or len(fall.frames) < FEWEST:
+    if not -3 <= wait <= 3 * LOST or len(fall.frames) < LEAST_FALL:
         return 0.0
     arriving, leaving = fall.arriving(), rise.leaving()
     speed = float(np.hypot(*arriving))

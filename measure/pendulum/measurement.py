@@ -16,7 +16,7 @@ from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import Measurement, Quantity, doubted, failed
 from rigtwin.lab.records import Track, write_tracks
 from rigtwin.lab.rigs import GRAVITY
-from rigtwin.lab.tracked.read import read_bodies, scale_used
+from rigtwin.lab.tracked.read import NOT_STATED, read_bodies, scale_used
 from rigtwin.lab.tracked.table import TableOptions, is_table
 from rigtwin.lab.tracked.upright import by_swing
 from rigtwin.measure.media.duplicate_frames import without_repeats
@@ -48,7 +48,6 @@ from rigtwin.measure.refusal import shows_refusals
 UNCONFIRMED = (
     "scale and frame rate not confirmed: the scale was taken from gravity; give --length or --scale for a check."
 )
-VERTICAL_UNKNOWN = "the table does not say how well its vertical is known: that is not part of the uncertainties."
 
 
 @shows_refusals
@@ -193,7 +192,8 @@ def _measure_table(
     tracks = in_order(_named(read.tracks), variant)
     fit = fit_clip(record, tracks)
     view = scale_used(read, camera)
-    warnings: tuple[str, ...] = (VERTICAL_UNKNOWN,)
+    lacking = "its scale and its vertical are" if read.unit == "m" and not read.scaled else "its vertical is"
+    warnings: tuple[str, ...] = (NOT_STATED.format(lacking),)
     if read.unit != "m":
         found = fit.propagate(outcomes_of)
         known = length is not None
@@ -202,7 +202,7 @@ def _measure_table(
         fit = fit_clip(record, tracks)
         per = "scale_m_per_px" if read.unit == "px" else "scale_m_per_unit"
         view = {per: scale, "scale_from": "pendulum length" if known else "gravity"}
-        warnings = (*warnings, *(() if known else (UNCONFIRMED,)))
+        warnings += () if known else (UNCONFIRMED,)
     evaluation = judge(fit, None if view.get("scale_from") == "pendulum length" else length, bead_diameter, bead_mass)
     files = {}
     if out is not None:

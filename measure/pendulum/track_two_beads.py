@@ -280,7 +280,7 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
     smears: list[float] = []
     for frame in video.frames(min(wanted[0] | wanted[1]), max(wanted[0] | wanted[1])):
         for bead, path in enumerate((fall, rise)):
-            if frame.index in wanted[bead]:
+            if frame.index in wanted[bead] and (bead == 0 or collision.rise_seen):
                 (x, y), speed = path.along(frame.index)
                 grey = scene.view(channel.grey(frame)).grey
                 # radius and exposure are not known yet, and the fit stays near its start values: try several
@@ -300,6 +300,13 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
                     fits[bead].append(best)
                     pace = float(np.hypot(*speed))
                     smears += [math.hypot(*best.image.blur) / pace] if pace > 3 else []
+    if len(fits[0]) < 3 and not collision.rise_seen:
+        raise NothingToMeasure(
+            f"{video.path}: a moving object hits another one in frame {collision.fall.frames[-1]}, but a round bead "
+            f"fits {len(fits[0])} pictures of it, 3 are needed; film the beads larger or with more light, or leave out "
+            "what else moves with --region.",
+            Seen(frame=collision.fall.frames[-1], marks=marks_of([collision.fall])),
+        )
     if len(fits[0]) < 3 and len(fits[1]) < 3:
         raise NothingToMeasure(
             f"{video.path}: two moving objects meet in frame {collision.rise.frames[0]}, but a round bead fits "

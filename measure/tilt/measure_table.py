@@ -14,15 +14,11 @@ from rigtwin.lab.checksums import sha256
 from rigtwin.lab.errors import BadInput, NothingToMeasure
 from rigtwin.lab.quantity import Measurement
 from rigtwin.lab.records import Series, Track
-from rigtwin.lab.tracked.read import TrackedSeries, read_bodies, read_series, scale_used
+from rigtwin.lab.tracked.read import NOT_STATED, TrackedSeries, read_bodies, read_series, scale_used
 from rigtwin.lab.tracked.table import TableOptions
 from rigtwin.measure.tilt.evaluate import NEARBY_LENGTH_UNCERTAINTY, NOMINAL, evaluate_run, onset_of, way_down
 from rigtwin.measure.tilt.incline import Descent, at_rest, descent_of, evaluate_descent
 from rigtwin.measure.tilt.onset import LEAST_TURN, Onset, Variant
-
-LEVEL_UNKNOWN = (
-    "the table does not say how well its angle is known against the horizontal: that is not part of the uncertainties."
-)
 
 SAME = 1.5  # ratio of residuals up to which an axis at the origin of the table explains the ride as well
 
@@ -111,7 +107,7 @@ def measure_table(
         sha256(path),
         evaluation.quantities,
         evaluation.checks,
-        (*evaluation.warnings, LEVEL_UNKNOWN, *several, *read.understood.proposals),
+        (*evaluation.warnings, NOT_STATED.format("the horizontal is"), *several, *read.understood.proposals),
         camera=view,
         tracks=(track,),
         series=(plate.series,),

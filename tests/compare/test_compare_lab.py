@@ -179,6 +179,10 @@ def test_a_warning_about_one_of_several_views_does_not_name_the_first_photo(comp
     warnings = replace(outcome, measurements=(pile,), failures=()).warnings
     assert "side: too dark." in warnings
     assert "front.jpg and its other views: scale: not known." in warnings
+    others = replace(pile, source=Path("b/front.jpg")), replace(pile, source=Path("c/front.jpg"))
+    warnings = replace(outcome, measurements=others, failures=()).warnings
+    assert "b/front.jpg and c/front.jpg and their other views: scale: not known." in warnings
+    assert warnings.count("side: too dark.") == 1
 
 
 def test_a_warning_names_a_doubtful_repetition_that_is_excluded_from_the_mean(compared):

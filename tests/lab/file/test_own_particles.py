@@ -196,7 +196,7 @@ def test_one_diameter_or_one_mass_beside_sizes_is_refused(tmp_path, shape, words
         ('stl = "grain.stl"\nstl_spheres = 0', "stl_spheres", "not a whole number of at least 1"),
         ('stl = "grain.stl"\nstl_unit = "ft"', "stl_unit", "'ft' is not known; write 'mm'"),
         ('stl = "other.stl"', "stl", "no such file"),
-        ('stl = "in-metres.stl"', "stl", "would be 7.2 um wide in mm; state stl_unit"),
+        ('stl = "in-metres.stl"', "stl", "read in mm, is 7.2 um wide; state stl_unit"),
         ('stl = "lab.toml"', "stl", "STL"),
         ('stl = "../grain.stl"', "stl", "outside the lab's folder"),
         ('stl = "grain.stl"\nmass = "1 kg"', "mass", "more than any metal"),

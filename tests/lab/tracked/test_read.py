@@ -323,6 +323,9 @@ def test_decimal_commas_between_commas_are_answered_with_what_to_do(tmp_path):
     path = written(tmp_path, "t_s,x_mm,y_mm\n0,1,50\n0,1,2,1,49,5\n0,2,3,40\n")
     with pytest.raises(BadInput, match="decimal commas need semicolons or tabs"):
         read_bodies(path, TableOptions())
+    path = written(tmp_path, "t_s,x_mm,y_mm\n0,1,50\n0.1,2\n0.2,3,40\n")
+    with pytest.raises(BadInput, match=r"2 cells where the table has 3\.$"):
+        read_bodies(path, TableOptions())
 
 
 def test_a_first_row_that_lost_a_comma_is_no_row_of_units(tmp_path):
