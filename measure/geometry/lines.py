@@ -17,8 +17,8 @@ STEP = math.radians(0.1)  # angular resolution of the Hough transform
 # turns of the sub-pixel refinement: of the lines in 60 pictures of tilts by VTK (make bench-unseen) 94 % settle in 9
 MOST_TURNS = 10
 REACH = np.arange(-5.0, 6.0)  # [px], rows that are read around a line
-# [px], by which the ends of a line move from the peak of the Hough transform: without a limit 119 pictures of tilts have
-# the same horizontals in 2.6 times the time; with 4 px five of them have none
+# [px], by which the ends of a line move from the peak of the Hough transform: without a limit 119 pictures of tilts
+# have the same horizontals in 2.6 times the time; with 4 px five of them have none
 FARTHEST = 10.0
 LEAST_SHARE = (
     0.25  # of a shift: a smaller one is taken to be this, so that no step exceeds four offsets of the centroid
