@@ -82,17 +82,24 @@ def test_large_beads_collide_although_the_end_of_the_fall_is_hardly_seen(hidden:
     assert (collision.fall.frames[0], collision.rise.frames[0]) == (0, 53)
 
 
-def test_bead_b_is_sought_where_the_only_bead_that_is_seen_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("hangs", [True, False])
+def test_bead_b_is_sought_where_the_only_bead_that_is_seen_arrives(
+    monkeypatch: pytest.MonkeyPatch, hangs: bool
+) -> None:
     """B swings before a wall of its own brightness; parts of a thread, much lighter, seem to meet."""
     fall = swinging(100.0, 280.0, range(5, 36), 30.0)
     thread = [swinging(290.0, 330.0, range(20, 41), 4.0), straight(list(range(42, 60)), 2.0)]
     light = Collision(*thread, np.zeros(2), 2.0)
     monkeypatch.setattr(track_two_beads, "find_paths", lambda *_, **__: [fall, *thread])
     monkeypatch.setattr(track_two_beads, "find_collision", lambda *_, **__: light)
-    monkeypatch.setattr(track_two_beads, "hung", lambda _, meeting: meeting.radius > 10)
+    monkeypatch.setattr(track_two_beads, "hung", lambda _, meeting: hangs and meeting.radius > 10)
     video = SimpleNamespace(path=File("swing.mp4"), first=5, last=60, frames=lambda *_: [])
     collision = track_two_beads._collision(video, None, {}, None, None, lambda *_: None)  # type: ignore[arg-type]
+    if not hangs:
+        assert collision.fall.frames == light.fall.frames
+        return
     assert collision.fall.frames[-1] == 35
+    assert not collision.rise_seen
     assert collision.rest == pytest.approx([280 + 30, 0])
     assert collision.way == pytest.approx([1, 0])
 
