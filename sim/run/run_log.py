@@ -134,7 +134,8 @@ class Logbook:
             books, state = kept
             assert self._checkpoint is not None
             try:
-                course, frames, self._history = dict(books["course"]), int(books["frames"]), list(books["history"])
+                course, frames = dict(books["course"]), int(books["frames"])
+                self._history = [{name: float(value) for name, value in dict(one).items()} for one in books["history"]]
                 energies = map(float, books["energy"])
                 self._supplied, self._risen, self._total, self._most_dissipated, self._work = energies
                 first = books["first_frame"]

@@ -463,6 +463,8 @@ def test_a_checkpoint_that_would_not_fit_into_memory_is_refused_before_it_takes_
         lambda course, state: state.update(place=np.full_like(state["place"], 1e300)),
         lambda course, state: state.pop("steps"),
         lambda course, state: course.update(energy=[1.0]),
+        lambda course, state: course["history"][0].update(in_flight=[]),
+        lambda course, state: course["history"].append("nothing"),
         lambda course, state: course["course"].update(quiet="often"),
         lambda course, state: course["course"].update(unknown=1),
         lambda course, state: course["course"].update(random={"bit_generator": "PCG64"}),
