@@ -162,6 +162,20 @@ def test_what_was_measured_before_an_interruption_is_kept_and_counted(lab, tmp_p
     assert len(measured) in (1, 2)
 
 
+def test_measurements_are_kept_while_other_work_goes_on(lab, tmp_path, measured, monkeypatch):
+    import rigtwin.compare.measure_repetitions as subject
+
+    looks = []
+    with monkeypatch.context() as patch:
+        patch.setattr(subject, "spawned", lambda *_, **__: nullcontext(Waiting()))
+        with subject.measuring(read_lab(lab).experiments, tmp_path / "out") as pending:
+            pending.keeping(lambda *step: looks.append(step))("settling", 1, 2)
+    assert looks == [("settling", 1, 2)]
+    assert len(measured) == 2
+    measure_lab(lab, tmp_path / "out")
+    assert len(set(measured)) == len(measured) == 4
+
+
 def test_a_warning_of_many_files_is_one_line_and_a_scatter_in_the_uncertainty_is_named(lab, tmp_path, capsys):
     assert run(["measure", str(lab), "--out", str(tmp_path / "out")]) == 0
     said = " ".join(capsys.readouterr().out.split())
