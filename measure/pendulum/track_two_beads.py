@@ -143,8 +143,7 @@ def _collision(
             if every not in seen:
                 seen[every] = find_paths(video, scene, samples, region, progress, every=every)
             try:
-                # with a step of 1 paths use the frame numbers of the film
-                pace = (1, 0) if every == 1 else (every, video.first)
+                pace = _pace(every, video)
                 found = find_collision(seen[every], video, stated_length, partial(shown, pace), in_pieces=in_pieces)
                 found = found.of_every(*pace)
             except NothingToMeasure as error:
@@ -168,12 +167,17 @@ def _collision(
     return taken
 
 
+def _pace(every: int, video: Video) -> tuple[int, int]:
+    """Frame step of the paths, and number of their first frame; with a step of 1 they have the film's own numbers."""
+    return (1, 0) if every == 1 else (every, video.first)
+
+
 def _lone_fall(
     seen: dict[int, list[Path]], least: float, video: Video, shown: Callable[[tuple[int, int], Collision], bool]
 ) -> Collision | None:
     """The first fall with a weight above `least` for which the film shows that a bead hung where it ends."""
     for every, paths in seen.items():
-        pace = (1, 0) if every == 1 else (every, video.first)
+        pace = _pace(every, video)
         for collision in lone_falls(paths)[:MOST_ALONE]:
             if weight_of(collision.fall) > least and shown(pace, collision):
                 return collision.of_every(*pace)
