@@ -518,8 +518,10 @@ def simulate_drum(
         fill,
     )
     cast, asked = run()
-    from rigtwin.compare.twins.drum import drum_twin
+    from rigtwin.compare.twins.drum import drum_twin, need_usual_filling
 
+    if count is None:
+        need_usual_filling(rig, cast.particle)
     return partial(drum_twin, rig, cast, count=count, turns=turns, fill_limit=fill_limit, **asked)
 
 

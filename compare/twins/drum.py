@@ -17,7 +17,7 @@ from rigtwin.compare.twins.run_cost import need_usual_number
 from rigtwin.compare.twins.twin import Twin, stated
 from rigtwin.lab.drum_flow import FILL, FLOWING, froude_check
 from rigtwin.lab.errors import BadInput, NothingToMeasure
-from rigtwin.lab.materials import PACKING
+from rigtwin.lab.materials import PACKING, Particle
 from rigtwin.lab.media_files import PICTURES
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.quantity import doubted, failed
@@ -140,6 +140,29 @@ def drum_result(rig: Drum, cast: Cast, rotation: Rotation, computed: Computed, *
     return replace(twin, surfaces=rotation.profiles)
 
 
+def need_usual_filling(rig: Drum, particle: Particle) -> None:
+    """Check a drum of an unstated number of particles: a filling far beyond that of a drum on a bench is refused.
+
+    Parameters
+    ----------
+    rig : Drum
+        Diameter [m], speed [rad/s], depth [m] and fill.
+    particle : Particle
+        The particle.
+
+    Raises
+    ------
+    BadInput
+        As `rigtwin.sim.drum.check` and `rigtwin.compare.twins.run_cost.need_usual_number` raise it.
+    """
+    from rigtwin.sim import drum
+
+    drum.check(rig, particle, count=None)
+    origin = f"the filling of a drum of {rig.diameter * 1e3:.4g} mm over the volume of a particle"
+    sizes = "diameter, depth and fill of the drum and the size of the particle"
+    need_usual_number("drum_diameter", drum.filled(rig, particle), particle, origin, sizes)
+
+
 class DrumEntry(ManyBodyEntry[DrumSettings]):
     """The rotating drum in `compare`."""
 
@@ -218,11 +241,10 @@ class DrumEntry(ManyBodyEntry[DrumSettings]):
         from rigtwin.sim import drum
 
         rig, particle = self.rig(experiment).rig(), experiment.particle
-        drum.check(rig, particle, count=count)
         if count is None:
-            origin = f"the filling of a drum of {rig.diameter * 1e3:.4g} mm over the volume of a particle"
-            sizes = "diameter, depth and fill of the drum and the size of the particle"
-            need_usual_number("drum_diameter", drum.filled(rig, particle), particle, origin, sizes)
+            need_usual_filling(rig, particle)
+        else:
+            drum.check(rig, particle, count=count)
 
     def filled_twin(self, experiment: Experiment, cast: Cast, count: int | None, **run: Any) -> Twin:
         return drum_twin(self.rig(experiment).rig(), cast, count=count, **run)

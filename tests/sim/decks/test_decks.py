@@ -390,6 +390,16 @@ def test_the_commands_print_how_a_deck_is_run_and_refuse_what_it_cannot_hold(tmp
     assert "diameter_m,density_kg_per_m3" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("command", [["simulate"], ["export", "lammps"]], ids=["simulate", "export"])
+def test_a_drum_that_millions_of_beads_would_fill_is_refused_unless_their_number_is_stated(command, tmp_path, capsys):
+    asked = [*command, "drum", "--drum-diameter", "2m", "--speed", "3rpm", "--out", str(tmp_path / "run")]
+    assert run(asked) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("rigtwin: --drum-diameter: 5286832 particles, ")
+    assert "state count" in said
+    assert not (tmp_path / "run").exists()
+
+
 def test_compare_takes_a_deck_that_has_run_as_the_twin_and_refuses_another_rig(tmp_path):
     lab = tmp_path / "lab"
     lab.mkdir()
