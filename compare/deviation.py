@@ -623,6 +623,48 @@ def percent_deviation(
     return percent, 100 * math.hypot(from_simulated, from_measured)
 
 
+def percent_interval(
+    measured: float, measured_u: float, simulated: float, simulated_u: float, coverage_factor: float
+) -> tuple[float, float]:
+    """Return the interval of a percent deviation; it excludes zero where abs(z) exceeds the coverage factor.
+
+    Parameters
+    ----------
+    measured, measured_u : float
+        Measured value and its standard uncertainty.
+    simulated, simulated_u : float
+        Simulated value and its standard uncertainty, in the same unit.
+    coverage_factor : float
+        Factor on the standard uncertainty of a difference.
+
+    Returns
+    -------
+    tuple of float
+        Ends of the interval [%], infinite where the measured value is zero within its expanded uncertainty.
+
+    Notes
+    -----
+    The ends are the ratios ``r`` for which ``abs(simulated - r * measured)`` is the coverage factor times its standard
+    uncertainty.  They lie on both sides of `percent_deviation` and further from it on the side of larger ratios.
+
+    References
+    ----------
+    Fieller 1954, J. R. Stat. Soc. B 16, 175.
+
+    Examples
+    --------
+    >>> low, high = percent_interval(10.0, 1.0, 14.0, 1.0, 2.0)
+    >>> round(low, 1), round(high, 1)
+    (10.2, 81.4)
+    """
+    uncertain = coverage_factor * measured_u / abs(measured) if measured else math.inf
+    if not uncertain < 1:
+        return -math.inf, math.inf
+    ratio, left = simulated / measured, 1 - uncertain**2
+    half = math.hypot(coverage_factor * simulated_u / measured * math.sqrt(left), ratio * uncertain)
+    return 100 * ((ratio - half) / left - 1), 100 * ((ratio + half) / left - 1)
+
+
 def _deviation(
     experiment: str,
     rig: str,

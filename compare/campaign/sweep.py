@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from statistics import fmean, stdev
@@ -283,18 +285,38 @@ def sweep(
     computed_by = runner(cluster, workers, out / "runs")
     measured = [] if lab is None else _measured(setting.experiment, out, workers, progress)
     done = _run(runs, out, computed_by, progress)
-    rows = [
-        {**point, **row}
-        for point, mine in zip(where, names, strict=True)
-        for row in _rows(setting.experiment, measured, mine, done)
-    ]
-    found = Sweep(setting, varied, where, tuple(rows), done.failures, len(runs), remarks=tuple(_replaced(out, rows)))
-    drawings = figure_files("sweep", figures(varied, rows, grid=design == "grid").values())
-    columns = (*(one.name for one in varied), *SIMULATED)
-    found.files.update({name: out / name for name in ("sweep.csv", "sweep.json", result_files.FIGURES)})
-    table, document = result_files.table(rows, columns), result_files.document(found.to_json())
-    result_files.write_in_turn(out, {"sweep.csv": table, "sweep.json": document, **drawings})
+    with _runs_kept(out / "runs"):
+        rows = [
+            {**point, **row}
+            for point, mine in zip(where, names, strict=True)
+            for row in _rows(setting.experiment, measured, mine, done)
+        ]
+        remarks = (*_replaced(out, rows), *_commas(vary))
+        found = Sweep(setting, varied, where, tuple(rows), done.failures, len(runs), remarks=remarks)
+        drawings = figure_files("sweep", figures(varied, rows, grid=design == "grid").values())
+        columns = (*(one.name for one in varied), *SIMULATED)
+        found.files.update({name: out / name for name in ("sweep.csv", "sweep.json", result_files.FIGURES)})
+        table, document = result_files.table(rows, columns), result_files.document(found.to_json())
+        result_files.write_in_turn(out, {"sweep.csv": table, "sweep.json": document, **drawings})
     return found
+
+
+@contextmanager
+def _runs_kept(folder: Path) -> Iterator[None]:
+    """Add to a KeyboardInterrupt that the runs, which have ended, are kept."""
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        stop.add_note(f"all runs are kept in {folder}; the same command writes the tables from them.")
+        raise
+
+
+def _commas(vary: Sequence[str]) -> Iterator[str]:
+    """A remark on each list of values that may be one number with a decimal comma."""
+    for text in vary:
+        name, _, said = (part.strip() for part in text.partition("="))
+        if re.fullmatch(r"0,\d+", said):
+            yield f"{name}: {said} are two values, 0 and {said[2:]}; write {said.replace(',', '.')} if one is meant"
 
 
 def _replaced(out: Path, rows: Sequence[dict[str, Any]]) -> Iterator[str]:

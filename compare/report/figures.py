@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rigtwin.compare.deviation import percent_interval
 from rigtwin.compare.report.figure_file import FigureFile, column_name, figure_file
 from rigtwin.compare.report.plot_style import MEASURED, TWIN, canvas, thin
 from rigtwin.lab.formatting import siblings, title
@@ -103,21 +104,27 @@ def tone(row: Deviation) -> str:
     return "bad" if row.verdict.startswith(("twin", "differs")) else "plain"
 
 
-def half_interval(row: Deviation) -> float:
-    """Return half of the 95 % interval of a percent deviation.
+def interval(row: Deviation) -> tuple[float, float]:
+    """Return the 95 % interval of a percent deviation, as `rigtwin.compare.deviation.percent_interval` takes it.
 
     Parameters
     ----------
     row : Deviation
-        The row, whose standard deviation is known.
+        The row, whose twin has a value.
 
     Returns
     -------
-    float
-        Half of the interval [%]; infinite where nothing is known of it.
+    tuple of float
+        Its ends [%], infinite where nothing is known.
     """
-    assert row.percent_deviation_std is not None
-    return (row.coverage_factor or 1.96) * row.percent_deviation_std
+    assert row.simulated is not None
+    return percent_interval(
+        row.measured,
+        row.measured_std_uncertainty,
+        row.simulated,
+        row.simulated_std_uncertainty or 0.0,
+        row.coverage_factor or 1.96,
+    )
 
 
 def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | None:
@@ -145,10 +152,11 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | 
     with canvas(0.8 + float(tall.sum())) as (figure, axes):
         axes.axvline(0.0, lw=1, color="#8a94a0")
         for place, (row, deviation) in zip(places, shown, strict=True):
-            half, colour = half_interval(row), TONES[tone(row)]
-            axes.errorbar(deviation, place, xerr=min(half, 1e6), fmt="o", ms=4.5, lw=1.5, color=colour)
-            for side, arrow in ((-1, "<"), (1, ">")):
-                if side * deviation + half > end:  # the interval goes on
+            (low, high), colour = interval(row), TONES[tone(row)]
+            axes.plot(np.clip([low, high], -1e6, 1e6), [place] * 2, lw=1.5, color=colour)
+            axes.plot(deviation, place, "o", ms=4.5, color=colour)
+            for side, reach, arrow in ((-1, -low, "<"), (1, high, ">")):
+                if reach > end:  # the interval goes on
                     axes.plot(side * end, place, arrow, ms=6, color=colour, clip_on=False)
         axes.set_xlim(-end, end)
         axes.set_yticks(places, ["\n".join(lines) for lines in names], fontsize=8)
@@ -161,7 +169,8 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | 
             [_row(row, deviation) for row, deviation in shown],
             DRAWN_ROWS,
             "Deviation of each simulated value from the measured one, 100 (simulated - measured) / measured, with its "
-            "95 % interval; an arrow marks an interval that goes on beyond the axis.",
+            "95 % interval, which excludes zero where the verdict says too high or too low; an arrow marks an interval "
+            "that goes on beyond the axis.",
         )
 
 
@@ -171,7 +180,6 @@ def _what(row: Deviation) -> str:
 
 
 def _row(row: Deviation, deviation: float) -> dict[str, Any]:
-    half = half_interval(row)
-    values = (deviation, deviation - half, deviation + half)
+    values = (deviation, *interval(row))
     quantity = ", ".join(filter(None, (title(row.quantity), siblings(row.row()))))
     return dict(zip(DRAWN_ROWS, (row.experiment, quantity, row.method, *values, row.verdict), strict=True))

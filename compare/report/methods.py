@@ -81,9 +81,7 @@ def _experiment(outcome: Outcome) -> str:
     experiment = outcome.experiment
     wall = "" if experiment.wall is None else f" on {_material(experiment.wall)}"
     settings = [
-        f"{one.name.removesuffix(', stated')} {one.text}"
-        for one in entry_of(experiment).stated(experiment)
-        if one.text and one.name not in outcome.from_media
+        f"{one.name.removesuffix(', stated')} {one.text}" for one in entry_of(experiment).stated(experiment) if one.text
     ]
     sentences = [
         f"`{experiment.id}` ({_kind(experiment)}): {_particle(experiment.particle)}{wall}"
@@ -393,8 +391,8 @@ def _comparison(comparison: Comparison) -> str:
         "measured) / measured, in percent, and z the difference over its standard uncertainty, with effective degrees "
         "of freedom by equation G.2b of the guide [@jcgm100]. Twin and experiment differ where |z| exceeds the factor "
         f"of Student's t for {100 * SURE:g} %, probably differ where it exceeds that for 95 %, and agree where it does "
-        f"not and the 95 % interval of the deviation lies within ±{UNINFORMATIVE:g} %; otherwise the result is "
-        "inconclusive.",
+        f"not and the deviation with its expanded uncertainty lies within ±{UNINFORMATIVE:g} %; otherwise the result "
+        "is inconclusive.",
         "The uncertainty of the twins' parameters is not included.",
         "Quantities that are an input of the twin are not a test of it." if given else "",
         comparison.headline[:1].upper() + comparison.headline[1:],

@@ -24,7 +24,6 @@ from rigtwin.lab.rigs import SETTINGS
 if TYPE_CHECKING:
     from rigtwin.compare.comparison import Comparison, Outcome
     from rigtwin.compare.curve_overlays import Overlay
-    from rigtwin.lab.file.lab_file import Experiment
     from rigtwin.lab.materials import Particle
 
 MOST_STILLS = 4  # pictures shown per experiment; all of them are in the folder of the report
@@ -204,9 +203,7 @@ def _bar(row: Deviation, widest: float) -> Bar | None:
     def place(value: float) -> float:
         return 50 + 46 * max(-1.0, min(1.0, value / widest))
 
-    half = figures.half_interval(row)
-    half = half if math.isfinite(half) else math.inf
-    low, high = row.percent_deviation - half, row.percent_deviation + half
+    low, high = figures.interval(row)
     return Bar(place(row.percent_deviation), place(low), place(high), (low < -widest, high > widest))
 
 
@@ -241,7 +238,7 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
         names = dict.fromkeys(title(one.quantity) for one in experiment.measured)
         lines.append(("stated in lab.toml", ", ".join(names)))
     lines += _particle(experiment.particle)
-    lines += _stated(experiment, outcome.from_media)
+    lines += [(one.name, one.text) for one in entry_of(experiment).stated(experiment) if one.text]
     rates = {
         round(float(item.camera["frame_rate_hz"]), 2)
         for item in outcome.measurements
@@ -263,12 +260,6 @@ def _settings(outcome: Outcome) -> list[tuple[str, str]]:
         values = ", ".join(f"{name.replace('_', ' ')} {contact[name]:g}" for name in needed)
         lines.append((f"put into the twin, {pair}:", values))
     return lines
-
-
-def _stated(experiment: Experiment, from_media: str) -> list[tuple[str, str]]:
-    """The stated settings of the rig, as name and text, without those that follow from the media."""
-    said = entry_of(experiment).stated(experiment)
-    return [(one.name, one.text) for one in said if one.text and one.name not in from_media]
 
 
 def _caption(overlay: Overlay) -> str:

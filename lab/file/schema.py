@@ -195,6 +195,8 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
         advice = "write the number with a decimal point instead of a comma."
     elif reason == twice:
         advice = "take one of the two out."
+    elif re.search("[\u2018-\u201f]", written):
+        advice = 'write straight quotation marks, " and not \u201c or \u201d.'
     return f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}){quoted}; {advice}"
 
 
@@ -1054,7 +1056,9 @@ class PileEntry(_ExperimentEntry):
         ),
     )
     base_diameter: Length = Field(examples=["90 mm"], description="of the base; of the container of an emptied one")
-    rim_height: Height = Field(default=0.0, description="of the rim above the base plate")
+    rim_height: Height = Field(
+        default=0.0, description="of the rim above the base plate; 0 if flat, from which round beads roll off"
+    )
     outlet_diameter: Length | None = Field(
         default=None,
         examples=["25 mm"],

@@ -44,6 +44,7 @@ SHORTEST_HALF = 0.1  # [s], minimum half period: that of a thread of 10 mm
 LAST = 8  # [frames], before and after a hit, in which the speeds are sought (films by VTK, make bench-unseen)
 LEAST_FALL = 6  # positions of a fall
 SLOWEST = 1.0  # [px/frame], speed at which a bead is hit
+SLOWED = 0.6  # least speed at the end of a fall over its largest: B's own path ends slowly, at the top of its swing
 GAINED = 0.9  # largest speed at the beginning of a fall over that at its end
 HANDED_ON = 0.85  # speed of B after the hit over that of A before it, for equal beads with a restitution of 0.7
 LOST = 4  # [frames] without detection after which a path has ended
@@ -100,6 +101,13 @@ class Path:
         """
         ends = range(max(len(self.frames) - LAST, 4), len(self.frames) + 1)
         return max((self.part(0, end) for end in ends), key=lambda one: float(np.hypot(*one.velocity(at_end=True))))
+
+    @property
+    def fastest(self) -> float:
+        """Largest mean speed over `LAST` positions [px/frame]."""
+        frames, places = np.array(self.frames), np.array(self.places)
+        ahead = min(LAST, len(frames) - 1)
+        return float(np.max(np.hypot(*(places[ahead:] - places[:-ahead]).T) / (frames[ahead:] - frames[:-ahead])))
 
     def arriving(self) -> Array:
         """Velocity [px/frame] before a hit."""
@@ -320,19 +328,19 @@ def lone_falls(paths: list[Path]) -> list[Collision]:
         if len(path.frames) < LEAST_FALL:
             continue
         fall = path.up_to_the_hit()
-        arriving = fall.velocity(at_end=True)
-        speed, size = float(np.hypot(*arriving)), float(np.median(fall.sizes))
+        speed, size = float(np.hypot(*fall.velocity(at_end=True))), float(np.median(fall.sizes))
         if speed > SLOWEST and float(np.hypot(*fall.velocity(at_end=False))) < GAINED * speed:
-            rest = fall.places[-1] + size * arriving / speed
-            steps = range(4)
-            rise = Path(
-                [fall.frames[-1] + 1 + k for k in steps],
-                [rest + k * HANDED_ON * arriving for k in steps],
-                [size] * len(steps),
-            )
-            radius = max(size / 2 + 0.5, 2.0)
-            collisions.setdefault(fall.frames[-1], Collision(fall, rise, rest, radius, rise_seen=False))
+            collisions.setdefault(fall.frames[-1], struck(fall, max(size / 2 + 0.5, 2.0)))
     return list(collisions.values())
+
+
+def struck(fall: Path, radius: float) -> Collision:
+    """The collision at the end of a fall, of beads of this radius [px], with a rise that the speed of A lets expect."""
+    arriving = fall.velocity(at_end=True)
+    rest = fall.places[-1] + 2 * radius * arriving / max(float(np.hypot(*arriving)), 1e-9)
+    frames = [fall.frames[-1] + 1 + k for k in range(4)]
+    rise = Path(frames, [rest + k * HANDED_ON * arriving for k in range(4)], [2 * radius] * 4)
+    return Collision(fall, rise, rest, radius, rise_seen=False)
 
 
 def _collision(fall: Path, rise: Path, paths: list[Path]) -> Collision:
@@ -448,7 +456,7 @@ def _meeting(fall: Path, rise: Path) -> float:
     if not -speed < ahead < 2.5 * size + (wait + 2.5) * speed or float(np.hypot(*gap)) > 3 * size + (wait + 3) * speed:
         return 0.0
     start_speed = float(np.hypot(*fall.velocity(at_end=False)))
-    if start_speed > GAINED * speed:
+    if start_speed > GAINED * speed or speed < SLOWED * fall.fastest:
         return 0.0
     return (fall.extent + rise.extent) * math.sqrt(size)
 
@@ -539,11 +547,8 @@ def hanging_place(greys: dict[int, GreyImage], collision: Collision) -> Array:
 def hung(greys: dict[int, GreyImage], collision: Collision) -> bool:
     """Whether the frames show a bead that leaves its position at the collision, and that A has not passed."""
     apart = _apart(greys, collision)
-    place, gone = _place_left(greys, collision, _contrast(apart))
-    ahead = (place - collision.fall.places[-1]) @ collision.way
-    # the path of A may continue along B for up to LOST frames
-    further = collision.radius + LOST * float(np.hypot(*collision.rise.leaving()))
-    return bool(gone > HUNG * float(np.mean(np.abs(apart))) and ahead > -further)
+    _, gone = _place_left(greys, collision, _contrast(apart))
+    return gone > HUNG * float(np.mean(np.abs(apart)))
 
 
 def _place_left(greys: dict[int, GreyImage], collision: Collision, contrast: int) -> tuple[Array, float]:
@@ -601,7 +606,9 @@ def _place_lost(
     places = np.column_stack([x + left, y + top]).astype(np.float64)
     along, across = (places - begun) @ way, np.abs((places - begun) @ sideways)
     behind = (along < radius) & (along > -6 * radius - waited) & (across < 2 * radius + BENDS * np.abs(along))
-    peaks = np.where(behind, filled[y, x], 0)
+    # what A itself has left lies behind the end of its path, which may continue along B's for up to LOST frames
+    ahead = (places - collision.fall.places[-1]) @ way > -radius - LOST * float(np.hypot(*collision.rise.leaving()))
+    peaks = np.where(behind & ahead, filled[y, x], 0)
     if len(peaks) == 0:
         return collision.rest, 0.0
     best = np.argmax(peaks if contrast else np.where(peaks > 0.6 * np.max(peaks), along, -np.inf))

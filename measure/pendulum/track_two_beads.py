@@ -32,6 +32,7 @@ from rigtwin.measure.pendulum.find_collision import (
     hung,
     lone_falls,
     marks_of,
+    struck,
     weight_of,
 )
 from rigtwin.measure.scene.background import Background, frames_of
@@ -47,8 +48,9 @@ SPARSER = (4, 16)  # frame steps that are tried if neighbouring frames are too s
 # weight of two paths that meet over that of the heaviest path, below which pieces of paths are tried, too: parts of
 # threads have 0.05 to 0.25 in films by VTK, beads beside a hand may have less
 LIGHT = 0.25
+WHOLE = 1.3  # radius of a bead's image over half the size of its spots, from which on they are parts of it
 MOST_ALONE = 3  # number of paths of A alone that are tried where no two paths meet
-FEWEST = 60  # minimum number of such frames in a clip
+FEWEST = 30  # minimum number of such frames in a clip
 SAMPLES = 21  # number of frames from which the background is learnt
 
 
@@ -91,6 +93,7 @@ def find_beads(
     greys = {index: channel.grey(frame) for index, frame in samples.items()}
     scene = still_scene(greys)
     greys |= {frame.index: channel.grey(frame) for frame in _right_after(video, collision)}
+    collision = _of_whole_beads(video, channel, scene, collision)
     collision = replace(collision, rest=hanging_place(_steady(scene, greys), collision))
     scene = _without_beads(scene, greys, collision.rest, collision.radius, _rough_places(collision, greys))
     looks, exposure = _learn_looks(video, channel, scene, collision)
@@ -150,7 +153,7 @@ def _collision(
                 refused = refused or error  # keep the first message: its period is based on all frames
                 continue
             alone = max(weight_of(path) for path in seen[every])
-            if found.weight > alone:
+            if found.weight > alone and shown((1, 0), found):
                 return found
             # some other path has a larger weight, possibly that of the beads
             heaviest = max(heaviest, alone)
@@ -320,6 +323,15 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
         )
     looks = [common_look(own if len(own) >= 3 else other) for own, other in (fits, fits[::-1])]
     return looks, min(float(np.median(smears)), 1.0) if len(smears) > 2 else 0.3
+
+
+def _of_whole_beads(video: Video, channel: Channel, scene: Scene, collision: Collision) -> Collision:
+    """The collision with the radius of A's image where its path follows a part of it only, lit or in front of light."""
+    looks, _ = _learn_looks(video, channel, scene, collision)
+    radius = looks[0].radius
+    if radius < WHOLE * collision.radius:
+        return collision
+    return replace(collision, radius=radius) if collision.rise_seen else struck(collision.fall, radius)
 
 
 def _spread(first: int, last: int) -> set[int]:

@@ -20,6 +20,7 @@ from rigtwin.compare.deviation import (
     is_result,
     over_views,
     percent_deviation,
+    percent_interval,
     primary_first,
     summarized,
 )
@@ -364,6 +365,18 @@ def test_different_methods_are_compared_if_each_side_has_only_one():
 def test_times_on_the_camera_clock_give_no_deviation():
     onset = Quantity("onset_time", 0.9, 0.01, "s", "onset")
     assert deviations("it", "tilt", [onset], [Quantity("onset_time", 9.9, 0.01, "s", "onset")]) == ()
+
+
+@pytest.mark.parametrize("span", [2.0, 3.5])
+def test_the_interval_of_a_deviation_excludes_zero_where_z_exceeds_its_span_and_only_there(span):
+    random = np.random.default_rng(5)
+    for measured, simulated in random.normal(0, 5, (300, 2)):
+        u = random.exponential(1.0, 2)
+        low, high = percent_interval(measured, u[0], simulated, u[1], span)
+        if abs(measured) <= span * u[0]:
+            assert (low, high) == (-np.inf, np.inf)
+        else:
+            assert (not low < 0 < high) == (abs(simulated - measured) > span * np.hypot(*u))
 
 
 def test_a_twin_that_may_be_wrong_by_a_quarter_does_not_agree():

@@ -282,6 +282,27 @@ def test_a_sweep_names_the_rows_of_another_that_it_replaces(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("in_this_process")
+def test_values_that_may_be_one_number_with_a_decimal_comma_are_remarked(tmp_path, capsys):
+    bed = ["sweep", "packing", *BED, "--out", str(tmp_path / "bed"), "--vary"]
+    assert run([*bed, "rolling_friction=0,1"]) == 0
+    assert "rolling_friction: 0,1 are two values, 0 and 1; write 0.1 if one is meant" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_sweep_interrupted_after_its_runs_keeps_them_and_says_so(tmp_path, capsys, monkeypatch):
+    def stopped(*_args, **_options):
+        raise KeyboardInterrupt
+
+    words = ["sweep", "drop", "--set", "drop_height=0.2m", "--vary", "wall_restitution=0.4,0.8", "--out", str(tmp_path)]
+    with monkeypatch.context() as patched:
+        patched.setattr("rigtwin.compare.campaign.sweep.figures", stopped)
+        assert run(words) == 130
+    assert f"all runs are kept in {tmp_path / 'runs'}; the same command" in capsys.readouterr().err
+    monkeypatch.setattr("rigtwin.compare.campaign.runners.spawned", lambda *_: pytest.fail("something was run"))
+    assert run(words) == 0
+
+
+@pytest.mark.usefixtures("in_this_process")
 def test_a_sweep_of_a_lab_has_the_measured_value_beside_the_twins(tmp_path, capsys):
     lab = tmp_path / "lab"
     lab.mkdir()

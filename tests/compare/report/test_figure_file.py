@@ -84,8 +84,11 @@ def test_the_figure_of_the_deviations_has_their_intervals(whole, figures):
     for row, deviation in zip(rows, whole.deviations, strict=True):
         middle, low, high = (float(row[name]) for name in ("deviation_percent", "low_95_percent", "high_95_percent"))
         assert middle == pytest.approx(deviation.percent_deviation, rel=1e-6)
-        half = deviation.coverage_factor * deviation.percent_deviation_std
-        assert (middle - low, high - middle) == pytest.approx((half, half), rel=1e-6)
+        assert low < middle < high
+        for ratio in (1 + low / 100, 1 + high / 100):  # where the two would just agree
+            uncertain = np.hypot(deviation.simulated_std_uncertainty, ratio * deviation.measured_std_uncertainty)
+            apart = abs(deviation.simulated - ratio * deviation.measured)
+            assert apart == pytest.approx(deviation.coverage_factor * uncertain, rel=1e-5)
         assert row["verdict"] == deviation.verdict
 
 
@@ -98,6 +101,10 @@ def test_long_names_are_wrapped_and_an_interval_that_leaves_the_axis_has_an_arro
             experiment=f"hopper-with-a-long-name-{number}",
             quantity="discharge_time",
             method="trailing edge of the slide to upper edge of the last bead at the slot",
+            measured=1.0,
+            measured_std_uncertainty=0.0,
+            simulated=1.0 + 0.1 * number,
+            simulated_std_uncertainty=0.08,
             percent_deviation=10.0 * number,
             percent_deviation_std=8.0,
             coverage_factor=2.0,

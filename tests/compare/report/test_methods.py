@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from rigtwin.compare.report.methods import methods
+from rigtwin.compare.twins.registry import entry_of
 from rigtwin.lab.materials import Particle, sized
 from rigtwin.lab.reference.bibliography import bibtex, cited, references
 from rigtwin.lab.size_distributions import uniform
@@ -100,9 +101,11 @@ def test_what_a_twin_takes_from_the_media_is_stated(comparison):
     whole = comparison()
     fall, heap = whole.outcomes
     assert "from the media" not in methods(whole, VERSIONS).markdown
-    seen = replace(whole, outcomes=(fall, replace(heap, from_media="1300 particles, by the volume of the heap")))
-    twin = methods(seen, VERSIONS).markdown.partition("Twin of `heap`")[2]
-    assert "; taken from the media: 1300 particles, by the volume of the heap; " in twin
+    seen = replace(whole, outcomes=(fall, replace(heap, from_media="1300 particles, to the edge of its base")))
+    text = methods(seen, VERSIONS).markdown
+    assert "; taken from the media: 1300 particles, to the edge of its base; " in text.partition("Twin of `heap`")[2]
+    base = entry_of(heap.experiment).stated(heap.experiment)[0]
+    assert f"stated: base {base.text}" in text, "a setting stays, whatever words the other text has"
 
 
 def test_a_run_that_failed_is_stated_with_its_reason(comparison):

@@ -21,9 +21,17 @@ def drawn(whole, out, *rows):
 def test_an_interval_that_goes_on_beyond_its_drawing_ends_in_an_arrow(comparison, tmp_path):
     whole = comparison()
     row = whole.outcomes[0].deviations[0]
-    near = replace(row, percent_deviation=4.0, percent_deviation_std=0.1, coverage_factor=1.96)
+    near = replace(
+        row,
+        measured=1.0,
+        measured_std_uncertainty=0.0,
+        simulated=1.04,
+        simulated_std_uncertainty=0.001,
+        percent_deviation=4.0,
+        coverage_factor=1.96,
+    )
     assert 'class="beyond' not in drawn(whole, tmp_path, near)
-    assert 'class="beyond' in drawn(whole, tmp_path, replace(near, percent_deviation_std=40.0))
+    assert 'class="beyond' in drawn(whole, tmp_path, replace(near, simulated_std_uncertainty=0.4))
 
 
 def test_z_stands_beside_the_limit_that_it_is_held_against(comparison, tmp_path, capsys):

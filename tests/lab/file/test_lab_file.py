@@ -396,6 +396,11 @@ def test_a_key_or_table_that_stands_twice_is_to_be_taken_out(folder, twice):
     assert message.endswith("take one of the two out.")
 
 
+def test_quotation_marks_of_a_word_processor_are_named(folder):
+    message, _ = refusal(folder, 'rig = "pile"', "rig = \u201cpile\u201d")
+    assert message.endswith('write straight quotation marks, " and not \u201c or \u201d.')
+
+
 def test_a_text_that_never_ends_is_refused(folder):
     message, _ = refusal(folder, 'title = "Ash', 'title = """Ash')
     assert "not valid TOML" in message
