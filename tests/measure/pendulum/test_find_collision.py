@@ -155,7 +155,7 @@ def test_the_rest_position_of_b_is_found_although_a_covers_it_later(
 
 
 def test_what_bead_a_has_left_is_no_place_of_bead_b() -> None:
-    """A is seen to leave, B is not; the place of release lies within the reach in which a long wait lets B be sought."""
+    """A is seen to leave, B is not; after a long wait B is sought as far back as where A was released."""
     random = np.random.default_rng(6)
     y, x = np.mgrid[:40, :400]
 
@@ -165,11 +165,11 @@ def test_what_bead_a_has_left_is_no_place_of_bead_b() -> None:
             shown[np.hypot(x - place, y - 20) < 10] = 40
         return shown.astype(np.uint8)
 
-    released, hangs, speed = 100.0, 250.0, 6.0
+    released, hangs, speed = 130.0, 250.0, 4.5
     greys = {k: picture(released) for k in range(0, 20, 3)}  # B hangs before a wall of its own brightness
     greys |= {k: picture() for k in range(62, 80, 3)}
     fall = Path(list(range(20, 42)), [np.array([released + speed * k, 20.0]) for k in range(22)], [20.0] * 22)
-    rise = Path(list(range(60, 80)), [np.array([hangs + 60 + speed * k, 20.0]) for k in range(20)], [20.0] * 20)
+    rise = Path(list(range(60, 80)), [np.array([hangs + 30 + speed * k, 20.0]) for k in range(20)], [20.0] * 20)
     expected = np.array([hangs, 20.0])
     assert hanging_place(greys, Collision(fall, rise, expected, 10.5)) == pytest.approx(expected)
 
