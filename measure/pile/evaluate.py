@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ GRAPHICAL, GEOMETRIC = "angle_of_repose_graphical", "angle_of_repose_geometric"
 
 LINE, NARROWER = "line 15-85 %", "line 20-80 %"
 
+NEAR = 0.3  # [deg], by which a mean may lie beside both sides without a remark: rounding and the sub-pixel foot
 FLAWED = 3.0  # [deg], added to the uncertainty of an angle whose outline is unreliable
 
 GRAINS_PER_CUBE = 0.6 * 6 / math.pi  # grains per cubed grain diameter, at the solid fraction 0.6 of a loose bed
@@ -132,6 +133,7 @@ def evaluate_views(
                 f"{whose}only the {sides[0]} flank is measured: the other is steeper than a loose heap, as against a "
                 "wall; give --flank both if it is a slope."
             )
+        warnings += [whose + words for words in _mean_beside_its_sides(found)]
         checks += seen.checks
     if len(observations) > 1:
         agree = views_checks(quantities, LINE)
@@ -180,6 +182,18 @@ def _angles(
         angles[GEOMETRIC, "apex", "mean"] = repose_angles.apex_angle(heap)
         angles[GEOMETRIC, "equal area", "mean"] = repose_angles.equal_area_angle(heap)
     return angles
+
+
+def _mean_beside_its_sides(quantities: Sequence[Quantity]) -> Iterator[str]:
+    """A warning where the geometric angles of both flanks lie on one side of the mean, which has another base."""
+    angles = {one.detail["side"]: one.value for one in quantities if (one.quantity, one.method) == (GEOMETRIC, "apex")}
+    sides = [angles[side] for side in repose_angles.SIDES if side in angles]
+    mean = angles.get("mean")
+    if mean is not None and len(sides) == 2 and not min(sides) - NEAR <= mean <= max(sides) + NEAR:
+        yield (
+            f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the stated base width, and the angles of "
+            f"the flanks, {sides[0]:.1f} and {sides[1]:.1f} deg, end at the feet that are seen."
+        )
 
 
 def _quantities_of_view(

@@ -259,6 +259,15 @@ def test_a_heap_is_limited_by_a_base_in_the_picture_that_it_reaches_within_a_gra
     assert pick(found, GEOMETRIC, "apex", "mean").value == pytest.approx(angle)
 
 
+@pytest.mark.parametrize(("across", "remarked"), [(1.0, False), (0.96, True), (1.06, True)])
+def test_a_mean_by_a_stated_base_beside_both_of_its_sides_is_remarked(across: float, remarked: bool) -> None:
+    said = [words for words in evaluate([heap()], base_diameter=across * WIDE).warnings if "the mean, " in words]
+    assert len(said) == remarked
+    if remarked:
+        mean = pick(evaluate([heap()], base_diameter=across * WIDE), GEOMETRIC, "apex", "mean").value
+        assert said[0].startswith(f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the stated base")
+
+
 @pytest.mark.parametrize(("grains", "limited"), [(1.8, True), (2.2, False)])
 def test_a_heap_is_limited_by_a_stated_base_that_is_two_grains_wider(grains: float, limited: bool) -> None:
     found = evaluate([heap()], base_diameter=WIDE + grains * GRAIN, bead_diameter=GRAIN)
