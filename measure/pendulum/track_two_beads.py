@@ -126,7 +126,7 @@ def _collision(
 
     In a high-speed film the common spot of both beads moves from one to the other without a jump, while spots of the
     threads seem to meet.  Broken paths are joined only if no whole ones meet where a bead is seen to have hung, and the
-    path of A alone is taken only if it is heavier than all that meet.
+    path of A alone is taken only if it is heavier than all that meet, and none that meet are heavier than each path.
     """
     seen: dict[int, list[Path]] = {}
     steady = _steady(scene, {index: frame.grey for index, frame in samples.items()})
@@ -137,6 +137,7 @@ def _collision(
         return hung(steady | _steady(scene, right_after), meeting)
 
     refused: NothingToMeasure | None = None
+    heavy: Collision | None = None  # the first that is heavier than any path alone
     best: Collision | None = None
     heaviest = 0.0
     for in_pieces in (False, True):
@@ -153,8 +154,10 @@ def _collision(
                 refused = refused or error  # keep the first message: its period is based on all frames
                 continue
             alone = max(weight_of(path) for path in seen[every])
-            if found.weight > alone and shown((1, 0), found):
-                return found
+            if found.weight > alone:
+                if shown((1, 0), found):
+                    return found
+                heavy = heavy or found
             # some other path has a larger weight, possibly that of the beads
             heaviest = max(heaviest, alone)
             if best is None or found.weight > best.weight:
@@ -163,7 +166,7 @@ def _collision(
         if best is not None and best.weight > LIGHT * heaviest and shown((1, 0), best):
             return best
     least = max(LIGHT * heaviest, 0.0 if best is None else best.weight)
-    taken = _lone_fall(seen, least, video, shown) or best
+    taken = heavy or _lone_fall(seen, least, video, shown) or best
     if taken is None:
         assert refused is not None
         raise refused

@@ -124,6 +124,18 @@ def test_bead_b_is_sought_where_the_only_bead_that_is_seen_arrives(
     assert collision.way == pytest.approx([1, 0])
 
 
+def test_paths_that_meet_and_are_heavier_than_each_path_come_before_a_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a glare no bead is seen to have hung there; the joined paths of both look like a longer one of A alone."""
+    fall, rise = swinging(100.0, 280.0, range(5, 36), 30.0), straight(list(range(37, 60)), 5.0)
+    whole = swinging(100.0, 420.0, range(5, 60), 30.0)
+    met = Collision(fall, rise, np.array([310.0, 0.0]), 15.0)
+    monkeypatch.setattr(track_two_beads, "find_paths", lambda *_, every, **__: [fall, rise] if every == 1 else [whole])
+    monkeypatch.setattr(track_two_beads, "find_collision", lambda *_, **__: met)
+    monkeypatch.setattr(track_two_beads, "hung", lambda _, meeting: not meeting.rise_seen)
+    video = SimpleNamespace(path=File("swing.mp4"), first=0, last=600, frames=lambda *_: [])
+    assert track_two_beads._collision(video, None, {}, None, None, lambda *_: None).rise_seen  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("bead", "background"), [(50.0, 140.0), (210.0, 120.0)])
 @pytest.mark.parametrize("creeps", [0.25, 0.0])
 def test_the_rest_position_of_b_is_found_although_a_covers_it_later(
