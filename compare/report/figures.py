@@ -123,7 +123,7 @@ def interval(row: Deviation) -> tuple[float, float]:
         row.measured_std_uncertainty,
         row.simulated,
         row.simulated_std_uncertainty or 0.0,
-        row.coverage_factor or 1.96,
+        row.z_limit or 2.0,
     )
 
 

@@ -330,7 +330,10 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
 
 def _of_whole_beads(video: Video, channel: Channel, scene: Scene, collision: Collision) -> Collision:
     """The collision with the radius of A's image where its path follows a part of it only, lit or in front of light."""
-    looks, _ = _learn_looks(video, channel, scene, collision)
+    try:
+        looks, _ = _learn_looks(video, channel, scene, collision)
+    except NothingToMeasure:  # where the beads are part of the scene, which is cleared of them later
+        return collision
     radius = looks[0].radius
     if radius < WHOLE * collision.radius:
         return collision

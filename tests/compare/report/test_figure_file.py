@@ -88,7 +88,7 @@ def test_the_figure_of_the_deviations_has_their_intervals(whole, figures):
         for ratio in (1 + low / 100, 1 + high / 100):  # where the two would just agree
             uncertain = np.hypot(deviation.simulated_std_uncertainty, ratio * deviation.measured_std_uncertainty)
             apart = abs(deviation.simulated - ratio * deviation.measured)
-            assert apart == pytest.approx(deviation.coverage_factor * uncertain, rel=1e-5)
+            assert apart == pytest.approx(deviation.z_limit * uncertain, rel=1e-5)
         assert row["verdict"] == deviation.verdict
 
 
