@@ -626,7 +626,7 @@ def percent_deviation(
 def percent_interval(
     measured: float, measured_u: float, simulated: float, simulated_u: float, coverage_factor: float
 ) -> tuple[float, float]:
-    """Return the interval of a percent deviation; it excludes zero where abs(z) exceeds the coverage factor.
+    """Return the interval of a percent deviation; if bounded, it excludes zero where abs(z) exceeds the factor.
 
     Parameters
     ----------

@@ -303,11 +303,11 @@ def sweep(
 
 @contextmanager
 def _runs_kept(folder: Path) -> Iterator[None]:
-    """Add to a KeyboardInterrupt that the runs, which have ended, are kept."""
+    """Add to a KeyboardInterrupt after the runs that they are kept."""
     try:
         yield
     except KeyboardInterrupt as stop:
-        stop.add_note(f"all runs are kept in {folder}; the same command writes the tables from them.")
+        stop.add_note(f"finished runs are kept in {folder}; the same command writes the tables from them.")
         raise
 
 

@@ -169,8 +169,8 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | 
             [_row(row, deviation) for row, deviation in shown],
             DRAWN_ROWS,
             "Deviation of each simulated value from the measured one, 100 (simulated - measured) / measured, with its "
-            "95 % interval, which excludes zero where the verdict says too high or too low; an arrow marks an interval "
-            "that goes on beyond the axis.",
+            "95 % interval, which excludes zero where the verdict says too high or too low, unless the measured value "
+            "is zero within its own; an arrow marks an interval that goes on beyond the axis.",
         )
 
 

@@ -191,8 +191,8 @@ def _mean_beside_its_sides(quantities: Sequence[Quantity]) -> Iterator[str]:
     mean = angles.get("mean")
     if mean is not None and len(sides) == 2 and not min(sides) - NEAR <= mean <= max(sides) + NEAR:
         yield (
-            f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the stated base width, and the angles of "
-            f"the flanks, {sides[0]:.1f} and {sides[1]:.1f} deg, end at the feet that are seen."
+            f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the width of the base, and the angles "
+            f"of the flanks, {sides[0]:.1f} and {sides[1]:.1f} deg, are those to the feet that are seen."
         )
 
 

@@ -297,7 +297,7 @@ def test_a_sweep_interrupted_after_its_runs_keeps_them_and_says_so(tmp_path, cap
     with monkeypatch.context() as patched:
         patched.setattr("rigtwin.compare.campaign.sweep.figures", stopped)
         assert run(words) == 130
-    assert f"all runs are kept in {tmp_path / 'runs'}; the same command" in capsys.readouterr().err
+    assert f"finished runs are kept in {tmp_path / 'runs'}; the same command" in capsys.readouterr().err
     monkeypatch.setattr("rigtwin.compare.campaign.runners.spawned", lambda *_: pytest.fail("something was run"))
     assert run(words) == 0
 

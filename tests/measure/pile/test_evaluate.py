@@ -265,7 +265,9 @@ def test_a_mean_by_a_stated_base_beside_both_of_its_sides_is_remarked(across: fl
     assert len(said) == remarked
     if remarked:
         mean = pick(evaluate([heap()], base_diameter=across * WIDE), GEOMETRIC, "apex", "mean").value
-        assert said[0].startswith(f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the stated base")
+        assert said[0].startswith(
+            f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the width of the base"
+        )
 
 
 @pytest.mark.parametrize(("grains", "limited"), [(1.8, True), (2.2, False)])
