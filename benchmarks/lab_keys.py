@@ -29,7 +29,7 @@ TEMPLATE = ROOT / "lab" / "file" / "template.toml"
 WIDTH = 120  # characters of a line of the template
 OWN = {"materials": "ash", "particles": "bead6"}  # entries that the template defines
 FILLED = {"material": "ash", "particle": "bead6"}  # and where it names them
-# keys that a twin cannot do without; from a base without a rim round beads roll off
+# keys that a twin cannot do without; without a rim, round beads roll off the base
 LIVE = {"packing": {"total_mass"}, "pile": {"rim_height"}, "hopper": {"outlet", "total_mass"}}
 LIKE = "D6"  # particle of the reference from which the template takes contacts
 

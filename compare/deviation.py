@@ -57,7 +57,7 @@ MORE_SHOWN = {"drop_height": 1, "rebound_height": 1, "release_angle": 1, "reboun
 # Times on the clock of the film; they depend on the start of the camera and have no counterpart in the twin.
 MOMENTS = frozenset({"onset_time", "opening_time", "last_particle_time"})
 
-# [%]: largest deviation in the 95 % interval of a twin that agrees.
+# [%]: largest deviation with its expanded uncertainty (95 %) of a twin that agrees.
 UNINFORMATIVE = 25.0
 OF_THE_TWIN = "twin: "
 """Begins the reasons why the value of the twin is doubtful."""
@@ -448,8 +448,8 @@ def deviations(
     -----
     z is the difference over its standard uncertainty.  The two differ if abs(z) exceeds the coverage factor of
     Student's t with the effective degrees of freedom, "probably" below the factor of `SURE`.  Those that do not differ
-    agree if that interval of the deviation lies within `UNINFORMATIVE` of zero and they would not differ with many
-    degrees of freedom.
+    agree if the deviation with its expanded uncertainty lies within `UNINFORMATIVE` of zero and they
+    would not differ with many degrees of freedom.
 
     References
     ----------
@@ -792,7 +792,7 @@ def _verdict(
         certainty = "probably " if abs(z) < _coverage(freedom, SURE) else ""
         return f"twin {certainty}too {'high' if z > 0 else 'low'}"
     half = (span if math.isfinite(span) else 2.0) * (0.0 if percent is None else percent[1])  # [%]
-    # relative to an uncertain value the interval of a large deviation may exclude zero where z does not exceed its span
+    # relative to an uncertain value a large deviation may exceed its expanded uncertainty where z is within its span
     within = percent is None or abs(percent[0]) <= min(half, UNINFORMATIVE - half)
     # where only the few degrees of freedom keep a difference from being significant, it may be real
     if within and abs(z) < 2:

@@ -104,7 +104,7 @@ class Path:
 
     @property
     def fastest(self) -> float:
-        """Largest mean speed over `LAST` positions [px/frame]."""
+        """Largest mean speed over `LAST` steps [px/frame]."""
         frames, places = np.array(self.frames), np.array(self.places)
         ahead = min(LAST, len(frames) - 1)
         return float(np.max(np.hypot(*(places[ahead:] - places[:-ahead]).T) / (frames[ahead:] - frames[:-ahead])))

@@ -48,9 +48,9 @@ SPARSER = (4, 16)  # frame steps that are tried if neighbouring frames are too s
 # weight of two paths that meet over that of the heaviest path, below which pieces of paths are tried, too: parts of
 # threads have 0.05 to 0.25 in films by VTK, beads beside a hand may have less
 LIGHT = 0.25
-WHOLE = 1.3  # radius of a bead's image over half the size of its spots, from which on they are parts of it
+WHOLE = 1.3  # fitted radius of a bead over that of its spots; above it the spots show a part of the bead (films by VTK)
 MOST_ALONE = 3  # number of paths of A alone that are tried where no two paths meet
-FEWEST = 30  # minimum number of such frames in a clip
+FEWEST = 30  # minimum number of frames that a search with a larger step has (films by VTK)
 SAMPLES = 21  # number of frames from which the background is learnt
 
 
@@ -126,7 +126,7 @@ def _collision(
 
     In a high-speed film the common spot of both beads moves from one to the other without a jump, while spots of the
     threads seem to meet.  Broken paths are joined only if no whole ones meet where a bead is seen to have hung, and the
-    path of A alone is taken only if it is heavier than all that meet, and none that meet are heavier than each path.
+    path of A alone is tried only if no pair of paths is heavier than every single path.
     """
     seen: dict[int, list[Path]] = {}
     steady = _steady(scene, {index: frame.grey for index, frame in samples.items()})
@@ -158,7 +158,7 @@ def _collision(
                 if shown((1, 0), found):
                     return found
                 heavy = heavy or found
-            # some other path has a larger weight, possibly that of the beads
+            # not shown, or some other path has a larger weight, possibly that of the beads
             heaviest = max(heaviest, alone)
             if best is None or found.weight > best.weight:
                 best = found
@@ -329,7 +329,7 @@ def _learn_looks(video: Video, channel: Channel, scene: Scene, collision: Collis
 
 
 def _of_whole_beads(video: Video, channel: Channel, scene: Scene, collision: Collision) -> Collision:
-    """The collision with the radius of A's image where its path follows a part of it only, lit or in front of light."""
+    """The collision, with the fitted radius of A where the spots of its path are much smaller than the bead."""
     try:
         looks, _ = _learn_looks(video, channel, scene, collision)
     except NothingToMeasure:  # where the beads are part of the scene, which is cleared of them later

@@ -120,7 +120,7 @@ def test_bead_b_is_sought_where_the_only_bead_that_is_seen_arrives(
         return
     assert collision.fall.frames[-1] == 35
     assert not collision.rise_seen
-    assert collision.rest == pytest.approx([280 + 30, 0], abs=2)
+    assert collision.rest == pytest.approx([280 + 31, 0])
     assert collision.way == pytest.approx([1, 0])
 
 
