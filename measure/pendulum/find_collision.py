@@ -102,12 +102,11 @@ class Path:
         ends = range(max(len(self.frames) - LAST, 4), len(self.frames) + 1)
         return max((self.part(0, end) for end in ends), key=lambda one: float(np.hypot(*one.velocity(at_end=True))))
 
-    @property
-    def fastest(self) -> float:
-        """Largest mean speed over `LAST` steps [px/frame]."""
+    def fastest_along(self, way: Array) -> float:
+        """Largest mean speed over `LAST` steps in the direction of a unit vector [px/frame]."""
         frames, places = np.array(self.frames), np.array(self.places)
         ahead = min(LAST, len(frames) - 1)
-        return float(np.max(np.hypot(*(places[ahead:] - places[:-ahead]).T) / (frames[ahead:] - frames[:-ahead])))
+        return float(np.max((places[ahead:] - places[:-ahead]) @ way / (frames[ahead:] - frames[:-ahead])))
 
     def arriving(self) -> Array:
         """Velocity [px/frame] before a hit."""
@@ -456,7 +455,7 @@ def _meeting(fall: Path, rise: Path) -> float:
     if not -speed < ahead < 2.5 * size + (wait + 2.5) * speed or float(np.hypot(*gap)) > 3 * size + (wait + 3) * speed:
         return 0.0
     start_speed = float(np.hypot(*fall.velocity(at_end=False)))
-    if start_speed > GAINED * speed or speed < SLOWED * fall.fastest:
+    if start_speed > GAINED * speed or speed < SLOWED * fall.fastest_along(arriving / speed):
         return 0.0
     return (fall.extent + rise.extent) * math.sqrt(size)
 
@@ -607,7 +606,8 @@ def _place_lost(
     along, across = (places - begun) @ way, np.abs((places - begun) @ sideways)
     behind = (along < radius) & (along > -6 * radius - waited) & (across < 2 * radius + BENDS * np.abs(along))
     # what A itself has left lies behind the end of its path, which may continue along B's for up to LOST frames
-    ahead = (places - collision.fall.places[-1]) @ way > -radius - LOST * float(np.hypot(*collision.rise.leaving()))
+    lost = LOST * float(np.median(np.diff(collision.fall.frames)))  # in frames of the clip
+    ahead = (places - collision.fall.places[-1]) @ way > -radius - lost * float(np.hypot(*collision.rise.leaving()))
     peaks = np.where(behind & ahead, filled[y, x], 0)
     if len(peaks) == 0:
         return collision.rest, 0.0

@@ -97,6 +97,17 @@ def test_the_turn_of_bead_b_at_the_top_of_its_swing_is_no_collision() -> None:
     assert find_collision_in([fall, b, whole, onwards]).rise.frames[0] == hit + 2
 
 
+@pytest.mark.parametrize("carried_in", [25, 30, 40])
+def test_a_hand_that_carries_bead_a_faster_than_it_falls_hides_no_collision(carried_in: int) -> None:
+    share = (1 - np.cos(np.linspace(0, np.pi, carried_in))) / 2
+    carry = Path(list(range(carried_in)), [np.array([290 - 190 * k, 0.0]) for k in share], [24.0] * carried_in)
+    fall = swinging(100.0, 300.0, range(carried_in, carried_in + 100), 24.0)
+    hit = carried_in + 100
+    rise = Path(list(range(hit + 2, hit + 50)), [np.array([330 + 3.4 * k, 0.0]) for k in range(48)], [24.0] * 48)
+    found = find_collision_in([carry, fall, rise])
+    assert (found.fall.frames[-1], found.rise.frames[0]) == (hit - 1, hit + 2)
+
+
 def find_collision_in(paths: list[Path]) -> Collision:
     video = SimpleNamespace(path=File("swing.mp4"), first=0, last=200, times=np.arange(201) / 240)
     return find_collision(paths, video, in_pieces=False)  # type: ignore[arg-type]
