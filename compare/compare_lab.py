@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -28,6 +28,7 @@ from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
+from rigtwin.compare.interrupted import noting
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import preflight
@@ -252,7 +253,7 @@ def _measured_and_run(
             except (BadInput, SimulationFailed) as error:
                 without[one.id] = f"the twin failed: {str(error).rstrip('.')}"
 
-    with _note_of_kept(out / UNFINISHED, experiments):
+    with noting(lambda: _kept_twins(out / UNFINISHED, experiments)):
         wanted = [one for one in experiments if one.id not in twins and one.id not in without]
         early = [one for one in wanted if not entry_of(one).needs_measurement(one)]
         with measuring(experiments, out, workers, again=again) as pending:
@@ -318,16 +319,10 @@ def _imported(
     return twins, remarks
 
 
-@contextmanager
-def _note_of_kept(folder: Path, experiments: Sequence[Experiment]) -> Iterator[None]:
-    """Add to a KeyboardInterrupt between two twins a note on what is kept; a running twin adds its own note."""
-    try:
-        yield
-    except KeyboardInterrupt as stop:
-        said = " ".join(getattr(stop, "__notes__", ()))
-        if str(folder) not in said and any(checkpoints(folder, one) for one in experiments):
-            stop.add_note(f"twins that have run are kept in {folder}; the same command continues from there.")
-        raise
+def _kept_twins(folder: Path, experiments: Sequence[Experiment]) -> str:
+    """What an interrupt between two twins says of those that have run; a running twin adds its own note."""
+    kept = any(checkpoints(folder, one) for one in experiments)
+    return f"twins that have run are kept in {folder}; the same command continues from there." if kept else ""
 
 
 def observations(comparison: Comparison) -> list[dict[str, Any]]:

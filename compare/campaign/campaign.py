@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 import traceback
 from collections import deque
-from collections.abc import Iterator, Sequence, Sized
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -16,6 +16,7 @@ from typing import Any, Self
 from rigtwin.compare.campaign.run import Done, Result, Run
 from rigtwin.compare.campaign.runners import ClusterLost, Pool, Runner, local, perform
 from rigtwin.compare.campaign.store import Store
+from rigtwin.compare.interrupted import noting
 from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.version import __version__
@@ -92,7 +93,8 @@ class Campaign:
         whole = sum(run.cost for run in runs)
         left = sum(run.cost for group in groups.values() for run in group)
         progress(stage, whole - left, whole)
-        with _kept_note(runs, kept, self.store.folder):
+        kept_here = "{} of {} runs are kept in {}; the same command runs the others."
+        with noting(lambda: kept_here.format(len(kept), len(runs), self.store.folder)):
             for run, result in self._finished(work, len(groups)):
                 for same in groups[run.key]:
                     left -= same.cost
@@ -234,13 +236,3 @@ def run_all(
             return Done(store.find(runs), {})
         with Campaign(store, runner or local) as campaign:
             return campaign.results(runs, progress)
-
-
-@contextmanager
-def _kept_note(runs: Sized, kept: Sized, folder: Path) -> Iterator[None]:
-    """Add to a KeyboardInterrupt a note on what is kept."""
-    try:
-        yield
-    except KeyboardInterrupt as stop:
-        stop.add_note(f"{len(kept)} of {len(runs)} runs are kept in {folder}; the same command runs the others.")
-        raise

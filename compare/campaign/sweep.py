@@ -6,7 +6,6 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from statistics import fmean, stdev
@@ -31,6 +30,7 @@ from rigtwin.compare.campaign.vary import (
     points,
 )
 from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
+from rigtwin.compare.interrupted import noting
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.report.figure_file import figure_files
 from rigtwin.compare.twins.registry import entry_of
@@ -285,7 +285,7 @@ def sweep(
     computed_by = runner(cluster, workers, out / "runs")
     measured = [] if lab is None else _measured(setting.experiment, out, workers, progress)
     done = _run(runs, out, computed_by, progress)
-    with _runs_kept(out / "runs"):
+    with noting(lambda: f"finished runs are kept in {out / 'runs'}; the same command writes the tables from them."):
         rows = [
             {**point, **row}
             for point, mine in zip(where, names, strict=True)
@@ -301,22 +301,13 @@ def sweep(
     return found
 
 
-@contextmanager
-def _runs_kept(folder: Path) -> Iterator[None]:
-    """Add to a KeyboardInterrupt after the runs that they are kept."""
-    try:
-        yield
-    except KeyboardInterrupt as stop:
-        stop.add_note(f"finished runs are kept in {folder}; the same command writes the tables from them.")
-        raise
-
-
 def _commas(vary: Sequence[str]) -> Iterator[str]:
     """A remark on each list of values that may be one number with a decimal comma."""
     for text in vary:
         name, _, said = (part.strip() for part in text.partition("="))
-        if re.fullmatch(r"0,\d+", said):
-            yield f"{name}: {said} are two values, 0 and {said[2:]}; write {said.replace(',', '.')} if one is meant"
+        if re.fullmatch(r"-?0,\d+[a-zA-Z]*", said):
+            first, second = said.split(",")
+            yield f"{name}: {said} are two values, {first} and {second}; write {first}.{second} if one is meant"
 
 
 def _replaced(out: Path, rows: Sequence[dict[str, Any]]) -> Iterator[str]:

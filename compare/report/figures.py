@@ -153,7 +153,7 @@ def deviations_figure(rows: Sequence[Deviation], widest: float) -> FigureFile | 
         axes.axvline(0.0, lw=1, color="#8a94a0")
         for place, (row, deviation) in zip(places, shown, strict=True):
             (low, high), colour = interval(row), TONES[tone(row)]
-            axes.plot(np.clip([low, high], -1e6, 1e6), [place] * 2, lw=1.5, color=colour)
+            axes.plot(np.clip([low, high], -2 * end, 2 * end), [place] * 2, lw=1.5, color=colour)
             axes.plot(deviation, place, "o", ms=4.5, color=colour)
             for side, reach, arrow in ((-1, -low, "<"), (1, high, ">")):
                 if reach > end:  # the interval goes on

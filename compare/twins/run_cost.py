@@ -89,5 +89,5 @@ def need_usual_number(key: str, count: int, particle: Particle, origin: str, che
     if count > MOST_UNSTATED:
         raise BadInput(
             f"{key}: {in_words(particle, count)}, by {origin}; a number that is not stated may be at most "
-            f"{MOST_UNSTATED}; check {check}, or state count to run so many."
+            f"{MOST_UNSTATED}; check {check}, or state count (--count) to run so many."
         )

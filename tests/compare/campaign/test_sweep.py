@@ -284,8 +284,8 @@ def test_a_sweep_names_the_rows_of_another_that_it_replaces(tmp_path, capsys):
 @pytest.mark.usefixtures("in_this_process")
 def test_values_that_may_be_one_number_with_a_decimal_comma_are_remarked(tmp_path, capsys):
     bed = ["sweep", "packing", *BED, "--out", str(tmp_path / "bed"), "--vary"]
-    assert run([*bed, "rolling_friction=0,1"]) == 0
-    assert "rolling_friction: 0,1 are two values, 0 and 1; write 0.1 if one is meant" in capsys.readouterr().out
+    assert run([*bed, "rolling_friction=0,05"]) == 0
+    assert "rolling_friction: 0,05 are two values, 0 and 05; write 0.05 if one is meant" in capsys.readouterr().out
 
 
 @pytest.mark.usefixtures("in_this_process")

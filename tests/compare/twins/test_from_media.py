@@ -101,7 +101,9 @@ def test_a_number_of_particles_that_no_bench_holds_is_refused_unless_it_is_state
     ):
         completed(PileSettings(0.4), heap)
     assert completed(PileSettings(0.4, count=9000), heap)[0].count == 9000
-    with pytest.raises(BadInput, match=r"^total_mass: .* by the stated mass over .* state count to run so many"):
+    with pytest.raises(
+        BadInput, match=r"^total_mass: .* by the stated mass over .* state count \(--count\) to run so many"
+    ):
         filling_count(PackingSettings(0.1, total_mass=6000 * BEAD.mean_mass), BEAD, None)
     assert filling_count(PackingSettings(0.1, count=6000), BEAD, None) == 6000
     wide = experiment(DrumSettings(1.0, 0.6, depth=0.05))

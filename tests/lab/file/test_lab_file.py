@@ -397,8 +397,11 @@ def test_a_key_or_table_that_stands_twice_is_to_be_taken_out(folder, twice):
 
 
 def test_quotation_marks_of_a_word_processor_are_named(folder):
+    straight = 'write straight quotation marks, " and not \u201c or \u201d.'
     message, _ = refusal(folder, 'rig = "pile"', "rig = \u201cpile\u201d")
-    assert message.endswith('write straight quotation marks, " and not \u201c or \u201d.')
+    assert message.endswith(straight)
+    apostrophe, _ = refusal(folder, 'rig = "pile"', "rig = pile  # the lab\u2019s heap")
+    assert not apostrophe.endswith(straight)
 
 
 def test_a_text_that_never_ends_is_refused(folder):

@@ -396,7 +396,7 @@ def test_a_drum_that_millions_of_beads_would_fill_is_refused_unless_their_number
     assert run(asked) == 2
     said = capsys.readouterr().err
     assert said.startswith("rigtwin: --drum-diameter: 5286832 particles, ")
-    assert "state count" in said
+    assert "state count (--count)" in said
     assert not (tmp_path / "run").exists()
 
 
