@@ -74,6 +74,7 @@ def swing_and_hit(
     saved: list[tuple[Array, ...]] = []
     # extreme parameters of a fit would need an unlimited number of steps; their prediction is rejected later
     limit = int(np.nan_to_num(until / step, nan=0.0, posinf=0.0).max()) + MOST_EXTRA
+    distance, closing = gap(a, b, u, v)
     for _ in range(limit):
         mobile = np.where(touched, 1.0, 0.0)  # before the first contact the second bob is at rest
         second: Push = partial(_moving_after_impact, push[1], mobile) if mobile.any() else _at_rest
@@ -83,8 +84,7 @@ def swing_and_hit(
         else:
             on = partial(_coupled, push, mutual, a, b, u, v)
         ends = on(step)
-        distance, closing = gap(a, b, u, v)
-        distance_end, closing_end = gap(ends[0], ends[1], ends[2], ends[3])
+        distance_end, closing_end = gap(*ends)
         resting = (distance < TOUCHING) & (distance_end < TOUCHING) & (closing_end < 0)
         touching = (distance_end < 0) & (closing_end < 0) & ~resting
         closes = resting | touching
@@ -94,7 +94,7 @@ def swing_and_hit(
             length = np.where(touching, step * share, step)
             for _again in range(2):  # Newton iteration, from a start within 1/1000 of the step
                 ends = on(length)
-                off, speed_off = gap(ends[0], ends[1], ends[2], ends[3])
+                off, speed_off = gap(*ends)
                 length = np.where(touching, np.clip(length - off / np.minimum(speed_off, -1e-6), 1e-9, step), step)
             ends = on(length)
         saved.append((t, length, a, b, u, v, *ends))
@@ -108,6 +108,9 @@ def swing_and_hit(
             for k in range(impacts):
                 speeds[k] = np.where(touching & (count == k), np.maximum(speed, 1e-3), speeds[k])
             count, touched = count + touching, touched | closes
+            distance, closing = gap(a, b, u, v)
+        else:
+            distance, closing = distance_end, closing_end
         if (t >= until).all():
             break
     columns = [np.stack(column) for column in zip(*saved, strict=True)]
@@ -138,9 +141,9 @@ def _coupled(
 ) -> tuple[Array, Array, Array, Array]:
     def change(angles: Array, rates: Array) -> Array:
         one, other = mutual(angles[0], angles[1])
-        return np.stack([push[0](angles[0], rates[0]) + one, push[1](angles[1], rates[1]) + other])
+        return np.array([push[0](angles[0], rates[0]) + one, push[1](angles[1], rates[1]) + other])
 
-    angles, rates = runge_kutta(change, np.stack([a, b]), np.stack([u, v]), h)
+    angles, rates = runge_kutta(change, np.array([a, b]), np.array([u, v]), h)
     return angles[0], angles[1], rates[0], rates[1]
 
 
@@ -187,14 +190,11 @@ def angles_at(motion: Encounter, since: Array, owner: Any, body: Any) -> tuple[A
     base = np.arange(settings)[:, None] * repetitions + owner[None]
     held = since < 0
     inside = np.maximum(since, 0.0)
-    number = np.empty(base.shape, dtype=np.int64)
-    edges = np.flatnonzero(np.diff(owner, prepend=-1))
-    spans = [slice(x, y) for x, y in zip(edges, [*edges[1:], len(owner)], strict=True)]
-    for r, span in enumerate(spans):
-        for k in range(settings):
-            number[k, span] = np.searchsorted(motion.begin[:, k, r], inside[k, span], side="right") - 1
-    number = np.clip(number, 0, intervals - 1)
-    cell = number * size + base
+    # one list of all begins: those of each motion come after all times of the one before
+    after = float(max(motion.begin.max(), inside.max())) + 1.0
+    begins = (motion.begin.reshape(intervals, size) + after * np.arange(size)).T.reshape(-1)
+    number = np.searchsorted(begins, inside + after * base, side="right") - 1 - intervals * base
+    cell = np.clip(number, 0, intervals - 1) * size + base
     length = motion.length.reshape(-1)[cell]
     s = np.minimum((inside - motion.begin.reshape(-1)[cell]) / length, 1.0)
 

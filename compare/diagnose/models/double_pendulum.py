@@ -221,12 +221,12 @@ class _Contacts:
     def gap(self, a: Array, b: Array, u: Array, v: Array) -> tuple[Array, Array]:
         if self.bench.wall:
             return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
-        x, y, _ = self._between(a, b)
+        x, y, at_a, at_b = self._between(a, b)
         left, right = self.reach[0] * u, self.reach[1] * v
         # the gap is measured along x: the distance of the centres grows again once one bead is half through the other
         touch = 2 * self.bench.radius + self.apart - self.play
         contact_x = np.sqrt(np.maximum(touch**2 - y**2, (0.1 * touch) ** 2))
-        closing = right * np.cos(b) - left * np.cos(a) + y / contact_x * (right * np.sin(b) - left * np.sin(a))
+        closing = right * at_b[1] - left * at_a[1] + y / contact_x * (right * at_b[0] - left * at_a[0])
         return x - contact_x, closing
 
     def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, resting: Array) -> tuple[Array, Array, Array]:
@@ -238,9 +238,7 @@ class _Contacts:
         if self.bench.wall:
             speed = np.abs(self.reach[0] * u)
             return -self._after(e, followed, speed, resting) * u, v, speed
-        x, y, distance = self._between(a, b)
-        along_a = (x * np.cos(a) + y * np.sin(a)) / distance
-        along_b = (x * np.cos(b) + y * np.sin(b)) / distance
+        _, along_a, along_b = self._along(a, b)
         closing = self.reach[1] * v * along_b - self.reach[0] * u * along_a
         e = self._after(e, followed, np.abs(closing), resting)
         impulse = -(1 + e) * closing / (along_a**2 + along_b**2)
@@ -256,10 +254,8 @@ class _Contacts:
         ]
 
         def pushed(a: Array, b: Array) -> tuple[Array, Array]:
-            x, y, distance = self._between(a, b)
+            distance, along_a, along_b = self._along(a, b)
             force = sum(hook(distance, bench.radius, bench.mass, *own) for hook, own in acting)
-            along_a = (x * np.cos(a) + y * np.sin(a)) / distance
-            along_b = (x * np.cos(b) + y * np.sin(b)) / distance
             return -force * along_a / (bench.mass * self.reach[0]), force * along_b / (bench.mass * self.reach[1])
 
         return pushed
@@ -270,7 +266,14 @@ class _Contacts:
             own = np.where(followed, own, self.law(np.maximum(speed, 1e-3)[..., None])[..., 0])
         return np.where(np.isnan(resting), own, resting)
 
-    def _between(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
-        x = 2 * self.bench.radius + self.apart + self.reach[1] * np.sin(b) - self.reach[0] * np.sin(a)
-        y = self.reach[0] * np.cos(a) - self.reach[1] * np.cos(b)
-        return x, y, np.hypot(x, y)
+    def _between(self, a: Array, b: Array) -> tuple[Array, Array, tuple[Array, Array], tuple[Array, Array]]:
+        """From centre to centre [m], x and y, and sine and cosine of the angles of both threads."""
+        at_a, at_b = (np.sin(a), np.cos(a)), (np.sin(b), np.cos(b))
+        x = 2 * self.bench.radius + self.apart + self.reach[1] * at_b[0] - self.reach[0] * at_a[0]
+        return x, self.reach[0] * at_a[1] - self.reach[1] * at_b[1], at_a, at_b
+
+    def _along(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
+        """Distance of the centres [m], and the parts of both beads' directions of motion along it [1]."""
+        x, y, at_a, at_b = self._between(a, b)
+        distance = np.hypot(x, y)
+        return distance, *((x * cosine + y * sine) / distance for sine, cosine in (at_a, at_b))
