@@ -7,6 +7,7 @@ the programs.
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -339,7 +340,8 @@ def _taken(twin: Twin, from_media: str) -> Iterator[str]:
     for line in twin.assumptions:
         name, colon, origin = line.partition(": ")
         numerical = colon and name.replace(" ", "_") in (*NUMERICS, "computed_by")
-        if not (numerical or (colon and name.lower() in from_media and origin.rstrip(".").endswith("(as given)"))):
+        stated = origin.rstrip(".").endswith("(as given)")
+        if not (numerical or (stated and re.search(rf"\b{re.escape(name.lower())}\b", from_media))):
             yield line[:1].lower() + line[1:].rstrip(".")
 
 

@@ -185,14 +185,20 @@ def _angles(
 
 
 def _mean_beside_its_sides(quantities: Sequence[Quantity]) -> Iterator[str]:
-    """A warning where the geometric angles of both flanks lie on one side of the mean, which has another base."""
-    angles = {one.detail["side"]: one.value for one in quantities if (one.quantity, one.method) == (GEOMETRIC, "apex")}
-    sides = [angles[side] for side in repose_angles.SIDES if side in angles]
-    mean = angles.get("mean")
-    if mean is not None and len(sides) == 2 and not min(sides) - NEAR <= mean <= max(sides) + NEAR:
+    """A warning where the geometric angles of both flanks lie on one side of the mean, which has another base.
+
+    There is none where the mean is doubtful: the doubt says why.
+    """
+    angles = {one.detail["side"]: one for one in quantities if (one.quantity, one.method) == (GEOMETRIC, "apex")}
+    sides = [angles[side].value for side in repose_angles.SIDES if side in angles]
+    if len(sides) < 2 or "mean" not in angles or angles["mean"].doubtful:
+        return
+    mean = angles["mean"].value
+    if not min(sides) - NEAR <= mean <= max(sides) + NEAR:
         yield (
             f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the width of the base, and the angles "
-            f"of the flanks, {sides[0]:.1f} and {sides[1]:.1f} deg, are those to the feet that are seen."
+            f"of the flanks, {sides[0]:.1f} and {sides[1]:.1f} deg, are those to the feet that are seen; "
+            "check the base in the overlay, --base states it."
         )
 
 
