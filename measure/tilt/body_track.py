@@ -75,8 +75,12 @@ class Step:
     likeness: float  # correlation with its picture at rest
 
 
-def glare(picture: FloatImage) -> npt.NDArray[np.bool_]:
-    """Mask of reflections of lamps, which stay for the whole clip; highlights on beads are smaller."""
+def glare(pictures: Sequence[FloatImage]) -> npt.NDArray[np.bool_]:
+    """Mask of reflections of lamps, which stay for the whole clip; highlights on beads are smaller.
+
+    A white body may rest at its place for most of it; one picture may show something before a reflection.
+    """
+    picture = np.sort(np.stack(pictures), axis=0)[min(1, len(pictures) - 1)]
     size = max(5, odd(GLARE_SIZE * max(picture.shape)))
     # white is often at 235 in video
     white = max(float(picture.max()) - 3, SATURATED)

@@ -141,7 +141,7 @@ def observe_film(video: Video, camera: Camera, progress: Progress) -> Film:
     usual = float(np.median(list(arm.directions.values()))) + arm.tilt
     uphill = 1 if usual < horizontal else -1
     seed = camera.bead_at and replace(camera.bead_at, frame=video.frame_of(camera.bead_at.frame))
-    body = find_body(arm, samples, uphill, glare(scene.picture) | in_front(arm, still), seed)
+    body = find_body(arm, samples, uphill, glare(list(samples.values())) | in_front(arm, still), seed)
     if body is None and camera.bead_at is not None:
         x, y = camera.bead_at.at
         raise NothingToMeasure(
