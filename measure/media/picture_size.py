@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from rigtwin.lab.errors import UnreadableMedia
+
+# a damaged photo is refused in our words; Pillow must not write its own to stderr as well
+logging.getLogger("PIL").addHandler(logging.NullHandler())
 
 MOST_PIXELS = 210_000_000  # largest photos of telephones have 200 megapixels; read in colour they take 0.6 GB
 

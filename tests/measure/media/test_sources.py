@@ -1,6 +1,8 @@
 """Clips other than ordinary video files: stills, stacks, Photron recordings, interlaced videos; photos from phones."""
 
 import struct
+import subprocess
+import sys
 from fractions import Fraction
 
 import av
@@ -277,6 +279,21 @@ def test_a_photo_of_a_phone_is_read(tmp_path):
     assert read.shape == (64, 96, 3)
     assert read[:, 60:, 2].mean() > 150
     assert read[:, :40].mean() < 60
+
+
+def test_a_damaged_photo_is_refused_in_one_sentence(tmp_path):
+    photo = tmp_path / "photo.tif"
+    cv2.imwrite(str(photo), np.full((64, 96), 90, np.uint8))
+    samples = struct.pack("<HHIHH", 277, 3, 1, 1, 0)  # tag of the samples per pixel, one short number
+    content = photo.read_bytes()
+    assert content.count(samples) == 1
+    photo.write_bytes(content.replace(samples, struct.pack("<HHIHH", 277, 3, 1, 20726, 0)))
+    # a process of its own: the tests handle the log of every library
+    command = [sys.executable, "-m", "rigtwin", "measure", "packing", str(photo), "--cylinder-diameter", "50mm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith(f"rigtwin: {photo}: ")
 
 
 @pytest.mark.parametrize("size", [1, 2])
