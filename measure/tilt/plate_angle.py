@@ -408,7 +408,7 @@ def _edge_at(row: int, change: Array, along: Array, across: Array, width: int) -
         steep = rises if rises.sum() > falls.sum() else falls
     support = np.max(steep, axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
-    run = fullest_run(covered, gap=max(12, width // 12))
+    run = fullest_run(covered, gap=max(12, width // 4))
     if run is None or run[1] - run[0] < SHORTEST * width:
         return None
     columns = np.arange(run[0], run[1] + 1)

@@ -292,8 +292,11 @@ WIDTH, HEIGHT = 400, 260
 HINGE = (60.0, 180.0)
 
 
-def draw(alpha, down, *, roll, ball, background, post=None):
-    """One picture of a plate at angle alpha [rad] with a body on it; drawn four times larger and averaged down."""
+def draw(alpha, down, *, roll, ball, background, post=None, plain=False, body=215):
+    """One picture of a plate at angle alpha [rad] with a body on it; drawn four times larger and averaged down.
+
+    A `plain` plate has one grey level; that of the body is `body`.
+    """
     zoom = 4
     picture = cv2.resize(background, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_NEAREST).copy()
 
@@ -310,11 +313,12 @@ def draw(alpha, down, *, roll, ball, background, post=None):
     bar(-400, 700, -66, -48, 0.0, 205)
     bar(-400, 700, -90, -66, 0.0, 90)
     bar(-20, 300, -8, 8, alpha, 120)
-    bar(-20, 300, -8, -2, alpha, 40)
+    if not plain:
+        bar(-20, 300, -8, -2, alpha, 40)
     bar(0, 12, -50, -8, 0.0, 150)
     for k in range(1 if ball else 3):
         centre = pixel(240 - down / SCALE + 24 * k, 20, alpha)
-        cv2.circle(picture, tuple(int(c) for c in centre), 12 * zoom * 16, 215 - 25 * k, cv2.FILLED, shift=4)
+        cv2.circle(picture, tuple(int(c) for c in centre), 12 * zoom * 16, body - 25 * k, cv2.FILLED, shift=4)
         spot = (int(centre[0] - 64 * zoom), int(centre[1] - 64 * zoom))
         cv2.circle(picture, spot, 64 * zoom, 245, cv2.FILLED, shift=4)
     if post is not None:
@@ -336,6 +340,8 @@ def clip(
     lost=(),
     drop=None,
     bars=False,
+    alike=None,
+    body=215,
 ):
     rng = np.random.default_rng(3)
     onset = 0.9
@@ -349,6 +355,8 @@ def clip(
     if bars:  # lighter and darker than plate and body, out of focus
         row = np.where(np.arange(WIDTH) // 70 % 2 == 0, 25.0, 225.0)
         background = np.tile(cv2.GaussianBlur(row[None], (0, 0), 2), (HEIGHT, 1)).astype(np.uint8)
+    if alike:  # columns in which the background has the grey level of a plain plate
+        background[:, slice(*alike)] = 120
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=round(fps), options=X264)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
@@ -356,7 +364,8 @@ def clip(
             if k in lost:
                 continue
             ball = variant == "roll"
-            picture = draw(turn, way, roll=math.radians(roll_deg), ball=ball, background=background, post=post)
+            view = {"roll": math.radians(roll_deg), "background": background, "post": post}
+            picture = draw(turn, way, ball=ball, plain=alike is not None, body=body, **view)
             grey = np.clip(picture + noise * rng.standard_normal(picture.shape), 0, 255).astype(np.uint8)
             frame = av.VideoFrame.from_ndarray(np.repeat(grey[..., None], 3, axis=2), format="rgb24")
             for packet in stream.encode(frame):
@@ -430,6 +439,20 @@ def test_bars_behind_the_plate_are_neither_its_edges_nor_the_body(tmp_path, vari
     found = pick(result, name)
     assert found.value == pytest.approx(angle, abs=2 * found.std_uncertainty)
     assert found.std_uncertainty < 0.4
+
+
+def test_a_plate_that_looks_like_the_background_in_part_is_one_plate(tmp_path):
+    left = int(HINGE[0])
+    film = clip(tmp_path / "clip.mp4", variant="slide", angle_deg=14.0, alike=(left + 130, left + 205))
+    result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="slide", bead_diameter=0.012)
+    found = pick(result, "static_friction_angle")
+    assert found.value == pytest.approx(14.0, abs=0.2)
+
+
+def test_a_white_body_that_rests_for_most_of_the_clip_is_no_reflection_of_a_lamp(tmp_path):
+    film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0, body=255)
+    result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
+    assert pick(result, "rolling_friction_angle").value == pytest.approx(6.0, abs=0.2)
 
 
 @pytest.mark.slow
