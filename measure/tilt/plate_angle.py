@@ -28,6 +28,9 @@ from rigtwin.measure.tilt.onset import LEAST_TURN
 STEEPEST = math.radians(65)  # largest slope of an arm
 TURN_STEP = math.radians(0.25)  # angular step of the search
 SHORTEST = 0.12  # minimum length of an edge over the width of the picture
+# share of the picture's width over which an edge of the plate may not be seen before a background like it (films
+# 74_013, 74_043 and 74_052 by VTK)
+LONGEST_GAP = 0.25
 STATED_REACH = 4 * STATED_SIGMA  # [px], distance of an edge from the stated surface of the plate
 STATED_TURN = math.radians(1.5)  # largest angle of the plate against its stated surface in the first sample frame
 REACH = 4  # [px], rows on each side of an edge that are compared
@@ -408,7 +411,7 @@ def _edge_at(row: int, change: Array, along: Array, across: Array, width: int) -
         steep = rises if rises.sum() > falls.sum() else falls
     support = np.max(steep, axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
-    run = fullest_run(covered, gap=max(12, width // 4))
+    run = fullest_run(covered, gap=max(12, round(LONGEST_GAP * width)))
     if run is None or run[1] - run[0] < SHORTEST * width:
         return None
     columns = np.arange(run[0], run[1] + 1)

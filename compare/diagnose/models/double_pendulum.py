@@ -276,4 +276,5 @@ class _Contacts:
         """Distance of the centres [m], and the parts of both beads' directions of motion along it [1]."""
         x, y, at_a, at_b = self._between(a, b)
         distance = np.hypot(x, y)
-        return distance, *((x * cosine + y * sine) / distance for sine, cosine in (at_a, at_b))
+        along_a, along_b = ((x * cosine + y * sine) / distance for sine, cosine in (at_a, at_b))
+        return distance, along_a, along_b
