@@ -187,7 +187,7 @@ def _angles(
 def _mean_beside_its_sides(quantities: Sequence[Quantity]) -> Iterator[str]:
     """A warning where the geometric angles of both flanks lie on one side of the mean, which has another base.
 
-    There is none where the mean is doubtful: the doubt says why.
+    There is none where the mean is doubtful, which has a reason of its own.
     """
     angles = {one.detail["side"]: one for one in quantities if (one.quantity, one.method) == (GEOMETRIC, "apex")}
     sides = [angles[side].value for side in repose_angles.SIDES if side in angles]
