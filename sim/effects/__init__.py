@@ -31,6 +31,7 @@ from pathlib import Path
 from types import ModuleType
 
 from rigtwin.lab.errors import BadInput
+from rigtwin.lab.spelling import near
 from rigtwin.sim.effects.effect import Effect, Parameter
 from rigtwin.sim.effects.nameless_terms import PREFIX, form
 from rigtwin.sim.effects.validate import check, one_sided
@@ -77,7 +78,7 @@ def named(name: str) -> Effect:
     Raises
     ------
     BadInput
-        If there is no effect of that name; the message lists the known names.
+        If there is no effect of that name; the message has the name that was meant, or the families.
 
     Examples
     --------
@@ -88,7 +89,10 @@ def named(name: str) -> Effect:
         return form(name)
     known = {effect.name: effect for effect in library()}
     if name not in known:
-        raise BadInput(f"there is no effect {name!r}; known are {', '.join(known)}.")
+        meant = near(name, known)
+        families = ", ".join(dict.fromkeys(effect.group for effect in known.values()))
+        asked = f"did you mean {meant!r}?" if meant else f"known families are {families}."
+        raise BadInput(f"there is no effect {name!r}; {asked}")
     return known[name]
 
 

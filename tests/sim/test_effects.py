@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from rigtwin.lab.errors import BadInput
 from rigtwin.lab.materials import Contact, Material, Particle
-from rigtwin.sim.effects import Effect, Parameter
+from rigtwin.sim.effects import Effect, Parameter, named
 from rigtwin.sim.effects.nameless_terms import form
 from rigtwin.sim.engine.bulk.bulk import Bulk
 from rigtwin.sim.engine.contact import damping_ratio
@@ -460,3 +460,11 @@ def test_a_formula_found_in_residuals_acts_in_the_engine_as_the_equivalent_effec
 def test_a_formula_that_no_simulation_implements_is_refused(name, says):
     with pytest.raises(BadInput, match=says):
         active(name)
+
+
+def test_an_unknown_effect_is_refused_with_the_one_that_was_meant_or_the_families():
+    with pytest.raises(BadInput, match=r"no effect 'air_drga'; did you mean 'air_drag'\?"):
+        named("air_drga")
+    with pytest.raises(BadInput, match=r"known families are .*\bperspective\b") as refused:
+        named("nosuch")
+    assert len(str(refused.value)) < 800
