@@ -28,7 +28,7 @@ from rigtwin.compare.chosen import chosen, known_scatter
 from rigtwin.compare.comparison import Comparison, Outcome
 from rigtwin.compare.curve_overlays import comparable
 from rigtwin.compare.deviation import deviations, over_views
-from rigtwin.compare.interrupted import noting
+from rigtwin.compare.interrupted import note_on_interrupt
 from rigtwin.compare.kept_measurements import FOLDER as KEPT
 from rigtwin.compare.measure_repetitions import Measured, folders, measuring
 from rigtwin.compare.preflight import preflight
@@ -253,7 +253,7 @@ def _measured_and_run(
             except (BadInput, SimulationFailed) as error:
                 without[one.id] = f"the twin failed: {str(error).rstrip('.')}"
 
-    with noting(lambda: _kept_twins(out / UNFINISHED, experiments)):
+    with note_on_interrupt(out / UNFINISHED, lambda: _note_of_kept_twins(out / UNFINISHED, experiments)):
         wanted = [one for one in experiments if one.id not in twins and one.id not in without]
         early = [one for one in wanted if not entry_of(one).needs_measurement(one)]
         with measuring(experiments, out, workers, again=again) as pending:
@@ -319,7 +319,7 @@ def _imported(
     return twins, remarks
 
 
-def _kept_twins(folder: Path, experiments: Sequence[Experiment]) -> str:
+def _note_of_kept_twins(folder: Path, experiments: Sequence[Experiment]) -> str:
     """What an interrupt between two twins says of those that have run; a running twin adds its own note."""
     kept = any(checkpoints(folder, one) for one in experiments)
     return f"twins that have run are kept in {folder}; the same command continues from there." if kept else ""

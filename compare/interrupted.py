@@ -4,16 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
-@contextmanager
-def noting(note: Callable[[], str]) -> Iterator[None]:
-    """Add a note on what is kept to a KeyboardInterrupt that has none yet.
+def add_note(stop: KeyboardInterrupt, folder: Path, note: str) -> None:
+    """Add a note on what is kept in a folder, unless one that names the folder is there.
 
     Parameters
     ----------
+    stop : KeyboardInterrupt
+        The interrupt.
+    folder : Path
+        Folder in which something is kept.
+    note : str
+        The note; nothing is added if it is empty.
+    """
+    if note and str(folder) not in " ".join(getattr(stop, "__notes__", ())):
+        stop.add_note(note)
+
+
+@contextmanager
+def note_on_interrupt(folder: Path, note: Callable[[], str]) -> Iterator[None]:
+    """Add a note on what is kept in a folder to a KeyboardInterrupt, as `add_note` does.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder in which something is kept.
     note : Callable[[], str]
-        Makes the note when the interrupt comes; nothing is added if it is empty.
+        Makes the note when the interrupt comes.
 
     Yields
     ------
@@ -23,6 +42,5 @@ def noting(note: Callable[[], str]) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as stop:
-        if not getattr(stop, "__notes__", None) and (said := note()):
-            stop.add_note(said)
+        add_note(stop, folder, note())
         raise

@@ -16,7 +16,7 @@ from typing import Any, Self
 from rigtwin.compare.campaign.run import Done, Result, Run
 from rigtwin.compare.campaign.runners import ClusterLost, Pool, Runner, local, perform
 from rigtwin.compare.campaign.store import Store
-from rigtwin.compare.interrupted import noting
+from rigtwin.compare.interrupted import add_note, note_on_interrupt
 from rigtwin.lab.errors import BadInput, RigtwinError, SimulationFailed
 from rigtwin.lab.progress import Progress, silent
 from rigtwin.lab.version import __version__
@@ -47,8 +47,9 @@ class Campaign:
         return self
 
     def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if isinstance(error, KeyboardInterrupt) and not getattr(error, "__notes__", None):
-            error.add_note(f"finished runs are kept in {self.store.folder}; the same command runs the others.")
+        if isinstance(error, KeyboardInterrupt):
+            folder = self.store.folder
+            add_note(error, folder, f"finished runs are kept in {folder}; the same command runs the others.")
         self._opened.__exit__(kind, error, trace)
 
     def results(
@@ -94,7 +95,8 @@ class Campaign:
         left = sum(run.cost for group in groups.values() for run in group)
         progress(stage, whole - left, whole)
         kept_here = "{} of {} runs are kept in {}; the same command runs the others."
-        with noting(lambda: kept_here.format(len(kept), len(runs), self.store.folder)):
+        folder = self.store.folder
+        with note_on_interrupt(folder, lambda: kept_here.format(len(kept), len(runs), folder)):
             for run, result in self._finished(work, len(groups)):
                 for same in groups[run.key]:
                     left -= same.cost

@@ -30,7 +30,7 @@ from rigtwin.compare.campaign.vary import (
     points,
 )
 from rigtwin.compare.deviation import IDENTITY, deviations, is_result, key_of
-from rigtwin.compare.interrupted import noting
+from rigtwin.compare.interrupted import note_on_interrupt
 from rigtwin.compare.measure_repetitions import measuring
 from rigtwin.compare.report.figure_file import figure_files
 from rigtwin.compare.twins.registry import entry_of
@@ -285,7 +285,8 @@ def sweep(
     computed_by = runner(cluster, workers, out / "runs")
     measured = [] if lab is None else _measured(setting.experiment, out, workers, progress)
     done = _run(runs, out, computed_by, progress)
-    with noting(lambda: f"finished runs are kept in {out / 'runs'}; the same command writes the tables from them."):
+    kept = f"finished runs are kept in {out / 'runs'}; the same command writes the tables from them."
+    with note_on_interrupt(out / "runs", lambda: kept):
         rows = [
             {**point, **row}
             for point, mine in zip(where, names, strict=True)
@@ -305,9 +306,8 @@ def _commas(vary: Sequence[str]) -> Iterator[str]:
     """A remark on each list of values that may be one number with a decimal comma."""
     for text in vary:
         name, _, said = (part.strip() for part in text.partition("="))
-        if re.fullmatch(r"-?0,\d+[a-zA-Z]*", said):
-            first, second = said.split(",")
-            yield f"{name}: {said} are two values, {first} and {second}; write {first}.{second} if one is meant"
+        if re.fullmatch(r"0,\d+", said):
+            yield f"{name}: {said} are two values, 0 and {said[2:]}; write {said.replace(',', '.')} if one is meant"
 
 
 def _replaced(out: Path, rows: Sequence[dict[str, Any]]) -> Iterator[str]:

@@ -195,7 +195,7 @@ def _syntax_error(path: Path, text: str, error: Exception) -> str:
         advice = "write the number with a decimal point instead of a comma."
     elif reason == twice:
         advice = "take one of the two out."
-    elif re.search(r"(=|\[|,)\s*[\u2018-\u201f]", written):
+    elif re.search("[\u2018-\u201f]", written.partition("#")[0]):
         advice = 'write straight quotation marks, " and not \u201c or \u201d.'
     return f"{path}, line {line}: not valid TOML ({reason[:1].lower()}{reason[1:]}){quoted}; {advice}"
 

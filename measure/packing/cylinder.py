@@ -38,9 +38,9 @@ NEXT_TO = 2.0  # [bead radii], from the region to the middle of a bead that lies
 # shares of the width, by which a wall lies beyond the usual end of the grains, as the network sees it: mean and
 # standard deviation (22 photos by two path tracers; 0.004 to 0.01 are as good)
 WALL_BEYOND, WALL_SPREAD = 0.007, 0.007
-# share of the rows in which the grains end before the place that counts: reflections on the glass, shadows and gaps
-# make rows end too early, little makes them end late (23 path-traced photos: 5 widths are off by more than 4 %, with
-# the median 7; 0.65 and 0.85 are nearly as good)
+# quantile of the ends of the rows, counted from the middle outwards, that is taken for the wall: reflections on the
+# glass, shadows and gaps make rows end too early, few things make them end too late (23 path-traced photos: 5 widths
+# are off by more than 4 %, with the median 7; 0.65 and 0.85 are nearly as good)
 OUTER = 0.75
 # share of the width, standard uncertainty of a wall that is found: half of the widths of 17 beds are within 1.1 %
 WALL_SIGMA = 0.011

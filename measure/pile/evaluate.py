@@ -187,7 +187,7 @@ def _angles(
 def _mean_beside_its_sides(quantities: Sequence[Quantity]) -> Iterator[str]:
     """A warning where the geometric angles of both flanks lie on one side of the mean, which has another base.
 
-    There is none where the mean is doubtful, which has a reason of its own.
+    There is none if the mean is already doubtful.
     """
     angles = {one.detail["side"]: one for one in quantities if (one.quantity, one.method) == (GEOMETRIC, "apex")}
     sides = [angles[side].value for side in repose_angles.SIDES if side in angles]
@@ -198,7 +198,7 @@ def _mean_beside_its_sides(quantities: Sequence[Quantity]) -> Iterator[str]:
         yield (
             f"geometric angle of repose: the mean, {mean:.1f} deg, is that of the width of the base, and the angles "
             f"of the flanks, {sides[0]:.1f} and {sides[1]:.1f} deg, are those to the feet that are seen; "
-            "check the base in the overlay, --base states it."
+            "check the base in the overlay, or state it with --base."
         )
 
 

@@ -28,9 +28,10 @@ from rigtwin.measure.tilt.onset import LEAST_TURN
 STEEPEST = math.radians(65)  # largest slope of an arm
 TURN_STEP = math.radians(0.25)  # angular step of the search
 SHORTEST = 0.12  # minimum length of an edge over the width of the picture
-# share of the picture's width over which an edge of the plate may not be seen before a background like it (films
-# 74_013, 74_043 and 74_052 by VTK)
-LONGEST_GAP = 0.25
+# longest gap in an edge of the plate, over the width of the picture, where the background has the plate's grey level
+# (four of 40 films of tilts by VTK are refused without it), and the usual one; least share of the columns between its
+# ends in which the edge is seen, assumed
+LONGEST_GAP, USUAL_GAP, LEAST_SEEN = 0.25, 0.083, 0.4
 STATED_REACH = 4 * STATED_SIGMA  # [px], distance of an edge from the stated surface of the plate
 STATED_TURN = math.radians(1.5)  # largest angle of the plate against its stated surface in the first sample frame
 REACH = 4  # [px], rows on each side of an edge that are compared
@@ -411,12 +412,10 @@ def _edge_at(row: int, change: Array, along: Array, across: Array, width: int) -
         steep = rises if rises.sum() > falls.sum() else falls
     support = np.max(steep, axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
-    run = fullest_run(covered, gap=max(12, round(LONGEST_GAP * width)))
-    if run is None or run[1] - run[0] < SHORTEST * width:
-        return None
-    columns = np.arange(run[0], run[1] + 1)
-    columns = columns[covered[columns]]
-    if len(columns) < 0.4 * (run[1] - run[0]):
+    columns = _columns_of(covered, round(LONGEST_GAP * width), width)
+    if columns is None:  # specks may lie further off
+        columns = _columns_of(covered, round(USUAL_GAP * width), width)
+    if columns is None:
         return None
     weight = steep[:, columns] ** 2
     centre = (weight * rows[:, None]).sum(axis=0) / (weight.sum(axis=0) + 1e-9)
@@ -424,7 +423,17 @@ def _edge_at(row: int, change: Array, along: Array, across: Array, width: int) -
     if kept < 0.5:
         return None
     mean = float(np.mean(support[columns]))
-    return Edge(float(across[row]), run[0], run[1], float(line[1]), mean)
+    return Edge(float(across[row]), int(columns[0]), int(columns[-1]), float(line[1]), mean)
+
+
+def _columns_of(covered: Mask, gap: int, width: int) -> npt.NDArray[np.int64] | None:
+    """Columns in which an edge is seen, with gaps up to `gap` px between them; None if these are few."""
+    run = fullest_run(covered, gap=gap)
+    if run is None:
+        return None
+    columns = run[0] + np.flatnonzero(covered[run[0] : run[1] + 1])
+    few = len(columns) < max(LEAST_SEEN * (run[1] - run[0]), SHORTEST * width)
+    return None if few else columns
 
 
 def _span(edges: tuple[Edge, ...], along: Array) -> tuple[float, float]:

@@ -78,7 +78,7 @@ def named(name: str) -> Effect:
     Raises
     ------
     BadInput
-        If there is no effect of that name; the message has the name that was meant, or the families.
+        If there is no effect of that name; the message has the name that was meant, or one of each family.
 
     Examples
     --------
@@ -90,8 +90,9 @@ def named(name: str) -> Effect:
     known = {effect.name: effect for effect in library()}
     if name not in known:
         meant = near(name, known)
-        families = ", ".join(dict.fromkeys(effect.group for effect in known.values()))
-        asked = f"did you mean {meant!r}?" if meant else f"known families are {families}."
+        firsts = {effect.group: effect.name for effect in reversed(known.values())}
+        listed = ", ".join(reversed(firsts.values()))  # the first of each family
+        asked = f"did you mean {meant!r}?" if meant else f"known are {listed} and forms of these."
         raise BadInput(f"there is no effect {name!r}; {asked}")
     return known[name]
 

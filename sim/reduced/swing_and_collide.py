@@ -143,6 +143,7 @@ def _coupled(
         one, other = mutual(angles[0], angles[1])
         return np.array([push[0](angles[0], rates[0]) + one, push[1](angles[1], rates[1]) + other])
 
+    # np.stack takes twice as long
     angles, rates = runge_kutta(change, np.array([a, b]), np.array([u, v]), h)
     return angles[0], angles[1], rates[0], rates[1]
 
@@ -190,9 +191,12 @@ def angles_at(motion: Encounter, since: Array, owner: Any, body: Any) -> tuple[A
     base = np.arange(settings)[:, None] * repetitions + owner[None]
     held = since < 0
     inside = np.maximum(since, 0.0)
-    # one list of all begins: those of each motion come after all times of the one before
-    after = float(max(motion.begin.max(), inside.max())) + 1.0
-    begins = (motion.begin.reshape(intervals, size) + after * np.arange(size)).T.reshape(-1)
+    # one list of all begins: those of each motion come after all times of the one before; a setting that is impossible
+    # has begins that are no numbers, and later ones than any time asked for do not matter
+    last = float(np.nanmax(inside, initial=0.0)) + 1.0
+    early = np.minimum(np.nan_to_num(motion.begin, nan=last, posinf=last), last).reshape(intervals, size)
+    after = last + 1.0
+    begins = (early + after * np.arange(size)).T.reshape(-1)
     number = np.searchsorted(begins, inside + after * base, side="right") - 1 - intervals * base
     cell = np.clip(number, 0, intervals - 1) * size + base
     length = motion.length.reshape(-1)[cell]

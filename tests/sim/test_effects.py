@@ -462,9 +462,9 @@ def test_a_formula_that_no_simulation_implements_is_refused(name, says):
         active(name)
 
 
-def test_an_unknown_effect_is_refused_with_the_one_that_was_meant_or_the_families():
+def test_an_unknown_effect_is_refused_with_the_one_that_was_meant_or_one_of_each_family():
     with pytest.raises(BadInput, match=r"no effect 'air_drga'; did you mean 'air_drag'\?"):
         named("air_drga")
-    with pytest.raises(BadInput, match=r"known families are .*\bperspective\b") as refused:
+    with pytest.raises(BadInput, match=r"known are .*\bperspective\b") as refused:
         named("nosuch")
     assert len(str(refused.value)) < 800

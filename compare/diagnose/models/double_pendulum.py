@@ -221,12 +221,12 @@ class _Contacts:
     def gap(self, a: Array, b: Array, u: Array, v: Array) -> tuple[Array, Array]:
         if self.bench.wall:
             return self.reach[0] * np.sin(a - self.stands), self.reach[0] * u * np.cos(a - self.stands)
-        x, y, at_a, at_b = self._between(a, b)
+        x, y, (sin_a, cos_a), (sin_b, cos_b) = self._between(a, b)
         left, right = self.reach[0] * u, self.reach[1] * v
         # the gap is measured along x: the distance of the centres grows again once one bead is half through the other
         touch = 2 * self.bench.radius + self.apart - self.play
         contact_x = np.sqrt(np.maximum(touch**2 - y**2, (0.1 * touch) ** 2))
-        closing = right * at_b[1] - left * at_a[1] + y / contact_x * (right * at_b[0] - left * at_a[0])
+        closing = right * cos_b - left * cos_a + y / contact_x * (right * sin_b - left * sin_a)
         return x - contact_x, closing
 
     def hit(self, a: Array, b: Array, u: Array, v: Array, count: Array, resting: Array) -> tuple[Array, Array, Array]:
@@ -268,9 +268,9 @@ class _Contacts:
 
     def _between(self, a: Array, b: Array) -> tuple[Array, Array, tuple[Array, Array], tuple[Array, Array]]:
         """From centre to centre [m], x and y, and sine and cosine of the angles of both threads."""
-        at_a, at_b = (np.sin(a), np.cos(a)), (np.sin(b), np.cos(b))
-        x = 2 * self.bench.radius + self.apart + self.reach[1] * at_b[0] - self.reach[0] * at_a[0]
-        return x, self.reach[0] * at_a[1] - self.reach[1] * at_b[1], at_a, at_b
+        (sin_a, cos_a), (sin_b, cos_b) = (np.sin(a), np.cos(a)), (np.sin(b), np.cos(b))
+        x = 2 * self.bench.radius + self.apart + self.reach[1] * sin_b - self.reach[0] * sin_a
+        return x, self.reach[0] * cos_a - self.reach[1] * cos_b, (sin_a, cos_a), (sin_b, cos_b)
 
     def _along(self, a: Array, b: Array) -> tuple[Array, Array, Array]:
         """Distance of the centres [m], and the parts of both beads' directions of motion along it [1]."""

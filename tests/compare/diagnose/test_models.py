@@ -324,6 +324,24 @@ def test_dry_friction_of_a_pendulum_that_strikes_holds_the_bob_where_it_comes_to
     assert np.ptp(stepped) == 0
 
 
+def test_a_setting_without_a_period_changes_no_other_of_its_stack():
+    def push(a, _w):
+        return -40.0 * np.sin(a)
+
+    def moved(periods):
+        period = np.array(periods)[:, None]
+        start = np.full(period.shape, 0.5), np.zeros(period.shape)
+        stepped = swing_and_collide.swing_and_hit(
+            start, (push, push), period, np.ones(period.shape), lambda a, _b, u, _v: (1.0 + 0 * a, 0 * u), None, 1
+        )
+        since = np.tile(np.linspace(0.0, 1.0, 30), (len(period), 1))
+        return swing_and_collide.angles_at(stepped, since, np.zeros(30, dtype=int), np.zeros(30, dtype=int))[0]
+
+    for impossible in (math.nan, math.inf, 1e15):
+        with np.errstate(all="ignore"):
+            assert np.array_equal(moved([0.99, impossible, 0.99])[[0, 2]], moved([0.99, 0.99, 0.99])[[0, 2]])
+
+
 def test_slow_contacts_of_two_beads_are_found_wherever_in_a_step_they_fall():
     e = np.linspace(0.40, 0.50, 101)[:, None]
     one, radius, length = np.ones_like(e), 2.5e-3, 0.25

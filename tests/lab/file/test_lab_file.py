@@ -400,8 +400,11 @@ def test_quotation_marks_of_a_word_processor_are_named(folder):
     straight = 'write straight quotation marks, " and not \u201c or \u201d.'
     message, _ = refusal(folder, 'rig = "pile"', "rig = \u201cpile\u201d")
     assert message.endswith(straight)
-    apostrophe, _ = refusal(folder, 'rig = "pile"', "rig = pile  # the lab\u2019s heap")
-    assert not apostrophe.endswith(straight)
+    key, _ = refusal(folder, 'rig = "pile"', "\u201crig\u201d = pile")
+    assert key.endswith(straight)
+    for comment in ("the lab\u2019s heap", "a heap, \u201cbig\u201d"):
+        message, _ = refusal(folder, 'rig = "pile"', f"rig = pile  # {comment}")
+        assert not message.endswith(straight)
 
 
 def test_a_text_that_never_ends_is_refused(folder):

@@ -375,12 +375,12 @@ def test_what_looks_round_beside_the_cylinder_moves_no_wall_that_else_is_seen(tm
     assert found.value == pytest.approx(truth, abs=0.0012 if gauge else WITHOUT_GAUGE)
 
 
-def test_a_bed_beside_which_round_things_stand_as_high_is_right_or_doubtful(tmp_path):
+def test_a_bed_beside_which_round_things_stand_as_high_is_doubtful(tmp_path):
     photo = tmp_path / "bed.png"
-    truth = draw(photo, gauge=True, beside=beside_the_wall(8.0))
+    draw(photo, gauge=True, beside=beside_the_wall(8.0))
     result = packing.measure([photo], Camera(), cylinder_diameter=CYLINDER, bead_diameter=BEAD)
     found = pick(result, "bed_height", "outline")
-    assert found.doubtful or found.value == pytest.approx(truth, abs=0.0012)
+    assert "times the cylinder's" in found.doubtful  # the gauge's millimetre
 
 
 @pytest.mark.parametrize("block", [0.0, 8.0])

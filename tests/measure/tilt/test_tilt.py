@@ -20,7 +20,7 @@ from rigtwin.measure.tilt import checks as tilt_checks
 from rigtwin.measure.tilt import evaluate as tilt
 from rigtwin.measure.tilt import film_checks as tilt_film_checks
 from rigtwin.measure.tilt import measurement as tilt_measurement
-from rigtwin.measure.tilt.body_track import RestingBody
+from rigtwin.measure.tilt.body_track import RestingBody, glare
 from rigtwin.measure.tilt.onset import smooth_angle, smoothing_uncertainty
 
 G = 9.81
@@ -28,7 +28,7 @@ FACTOR = {"slide": 1.0, "roll": 5 / 7}
 
 
 # without mbtree, whose result differs between runs on some processors
-X264 = {"crf": "16", "preset": "veryfast", "x264-params": "mbtree=0"}
+X264 = {"crf": "16", "preset": "veryfast", "x264-params": "mbtree=0:threads=1"}  # the same film on any machine
 
 
 def way_down(times, alpha, onset, variant, drop=None):
@@ -449,6 +449,22 @@ def test_a_plate_that_looks_like_the_background_in_part_is_one_plate(tmp_path):
     assert found.value == pytest.approx(14.0, abs=0.2)
 
 
+@pytest.mark.parametrize(("level", "noise"), [(255.0, 0.0), (235.0, 3.0)])
+def test_a_reflection_is_what_is_white_in_all_pictures_but_one(level, noise):
+    rng = np.random.default_rng(4)
+    pictures = []
+    for number in range(21):
+        picture = np.full((240, 320), 90.0)
+        if number != 7:  # something passes in front of the lamp's reflection
+            picture[60:90, 200:230] = level
+        if number < 17:  # a white body that leaves
+            picture[150:180, 100:130] = level
+        pictures.append(np.clip(picture + noise * rng.standard_normal(picture.shape), 0, 255).astype(np.float32))
+    mask = glare(pictures)
+    assert mask[62:88, 202:228].all()
+    assert not mask[150:180, 100:130].any()
+
+
 def test_a_white_body_that_rests_for_most_of_the_clip_is_no_reflection_of_a_lamp(tmp_path):
     film = clip(tmp_path / "clip.mp4", variant="roll", angle_deg=6.0, body=255, noise=0.0)
     result = tilt_measurement.measure(film, Camera(frame_rate=50.0), variant="roll", bead_diameter=0.012)
@@ -585,7 +601,7 @@ def test_the_scale_by_gravity_has_the_uncertainty_of_the_run(sliding, capsys):
     by_gravity = tilt_measurement.measure(sliding.source, Camera(frame_rate=50.0), variant="slide")
     assert by_gravity.camera["scale_from"] == "gravity"
     share = by_gravity.camera["scale_std_rel"]
-    assert abs(by_gravity.camera["scale_m_per_px"] / SCALE - 1) < 3 * share < 1.0
+    assert abs(by_gravity.camera["scale_m_per_px"] / SCALE - 1) < 2 * share < 0.5
     show_measurement(by_gravity, False, False)
     assert f"mm/px ± {100 * share:.2g} %, from gravity" in capsys.readouterr().out
 
