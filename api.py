@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 from rigtwin.lab.errors import BadInput, rename_options, reworded_refusals
 from rigtwin.lab.rigs import RIGS, RigName
-from rigtwin.lab.spelling import near
+from rigtwin.lab.spelling import meant_or
 
 if TYPE_CHECKING:
     from rigtwin.commands.run_command import Work
@@ -466,6 +466,5 @@ def _in_own_words(call: Callable[[], Any]) -> Any:
 
 
 def _unknown(what: str, name: object, known: Sequence[str]) -> Exception:
-    meant = near(str(name), known)
-    hint = f"; did you mean {meant!r}?" if meant else f"; known are {', '.join(known)}."
-    return BadInput(f"{what}: there is no {name!r}{hint}")
+    advice = meant_or(str(name), known, f"known are {', '.join(known)}.")
+    return BadInput(f"{what}: there is no {name!r}; {advice}")

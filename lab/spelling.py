@@ -85,6 +85,34 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     return f"did you mean {meant!r}? (known: {listed})" if meant else f"known are {listed}"
 
 
+def meant_or(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Return the question for the known name that was meant, or another advice.
+
+    Parameters
+    ----------
+    name : str
+        The name that is not known.
+    known : iterable of str
+        Names that are known.
+    otherwise : str
+        Advice where none of them is near.
+
+    Returns
+    -------
+    str
+        A clause with its full stop or question mark, if `otherwise` has one.
+
+    Examples
+    --------
+    >>> meant_or("framerate", ["frame_rate", "scale"], "give a name.")
+    "did you mean 'frame_rate'?"
+    >>> meant_or("temperature", ["frame_rate", "scale"], "give a name.")
+    'give a name.'
+    """
+    meant = near(name, known)
+    return f"did you mean {meant!r}?" if meant else otherwise
+
+
 def _words(name: str) -> list[str]:
     return re.findall(r"[^\W_]+", name.lower())
 

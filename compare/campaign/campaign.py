@@ -94,9 +94,12 @@ class Campaign:
         whole = sum(run.cost for run in runs)
         left = sum(run.cost for group in groups.values() for run in group)
         progress(stage, whole - left, whole)
-        kept_here = "{} of {} runs are kept in {}; the same command runs the others."
         folder = self.store.folder
-        with note_on_interrupt(folder, lambda: kept_here.format(len(kept), len(runs), folder)):
+
+        def note() -> str:
+            return f"{len(kept)} of {len(runs)} runs are kept in {folder}; the same command runs the others."
+
+        with note_on_interrupt(folder, note):
             for run, result in self._finished(work, len(groups)):
                 for same in groups[run.key]:
                     left -= same.cost

@@ -76,15 +76,15 @@ class Step:
 
 
 def glare(pictures: Sequence[FloatImage]) -> npt.NDArray[np.bool_]:
-    """Mask of reflections of lamps, which are in all pictures but one; highlights on beads are smaller.
+    """Mask of reflections of lamps, which are white in all pictures but one at most; highlights on beads are smaller.
 
-    A white body may rest at one place in most pictures, but not in the last two.  In one picture something may pass in
-    front of a reflection.
+    In one picture something may pass in front of a reflection.  A white body is none if it is absent from two pictures.
     """
     size = max(5, odd(GLARE_SIZE * max(pictures[0].shape)))
     # noise makes each pixel darker in some picture
     smooth = np.stack([cv2.GaussianBlur(picture, (0, 0), size / 4) for picture in pictures])
-    picture = np.partition(smooth, min(1, len(smooth) - 1), axis=0)[min(1, len(smooth) - 1)]
+    second = min(1, len(smooth) - 1)
+    picture = np.partition(smooth, second, axis=0)[second]  # the second darkest level of each pixel
     # white is often at 235 in video
     white = max(float(picture.max()) - 3, SATURATED)
     patch = opened((picture >= white).astype(np.uint8), size)

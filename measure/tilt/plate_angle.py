@@ -413,7 +413,7 @@ def _edge_at(row: int, change: Array, along: Array, across: Array, width: int) -
     support = np.max(steep, axis=0)
     covered = support > 0.3 * np.percentile(support[support > 0], 75) if np.any(support > 0) else support > 0
     columns = _columns_of(covered, round(LONGEST_GAP * width), width)
-    if columns is None:  # specks may lie further off
+    if columns is None:  # a long gap may join the edge to specks far from it
         columns = _columns_of(covered, round(USUAL_GAP * width), width)
     if columns is None:
         return None

@@ -31,7 +31,7 @@ from pathlib import Path
 from types import ModuleType
 
 from rigtwin.lab.errors import BadInput
-from rigtwin.lab.spelling import near
+from rigtwin.lab.spelling import meant_or
 from rigtwin.sim.effects.effect import Effect, Parameter
 from rigtwin.sim.effects.nameless_terms import PREFIX, form
 from rigtwin.sim.effects.validate import check, one_sided
@@ -89,11 +89,10 @@ def named(name: str) -> Effect:
         return form(name)
     known = {effect.name: effect for effect in library()}
     if name not in known:
-        meant = near(name, known)
         firsts = {effect.group: effect.name for effect in reversed(known.values())}
         listed = ", ".join(reversed(firsts.values()))  # the first of each family
-        asked = f"did you mean {meant!r}?" if meant else f"known are {listed} and forms of these."
-        raise BadInput(f"there is no effect {name!r}; {asked}")
+        advice = meant_or(name, known, f"known are {listed} and forms of these.")
+        raise BadInput(f"there is no effect {name!r}; {advice}")
     return known[name]
 
 

@@ -191,8 +191,8 @@ def angles_at(motion: Encounter, since: Array, owner: Any, body: Any) -> tuple[A
     base = np.arange(settings)[:, None] * repetitions + owner[None]
     held = since < 0
     inside = np.maximum(since, 0.0)
-    # one list of all begins: those of each motion come after all times of the one before; a setting that is impossible
-    # has begins that are no numbers, and later ones than any time asked for do not matter
+    # one sorted list of all begins: those of each motion are shifted past all times of the one before.  An impossible
+    # setting has NaN or infinite begins; they count as begins after the last time asked for, which change nothing
     last = float(np.nanmax(inside, initial=0.0)) + 1.0
     early = np.minimum(np.nan_to_num(motion.begin, nan=last, posinf=last), last).reshape(intervals, size)
     after = last + 1.0

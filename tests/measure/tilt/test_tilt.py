@@ -28,7 +28,7 @@ FACTOR = {"slide": 1.0, "roll": 5 / 7}
 
 
 # without mbtree, whose result differs between runs on some processors
-X264 = {"crf": "16", "preset": "veryfast", "x264-params": "mbtree=0:threads=1"}  # the same film on any machine
+X264 = {"crf": "16", "preset": "veryfast", "x264-params": "mbtree=0:threads=2"}  # the same film on any machine
 
 
 def way_down(times, alpha, onset, variant, drop=None):
@@ -601,7 +601,7 @@ def test_the_scale_by_gravity_has_the_uncertainty_of_the_run(sliding, capsys):
     by_gravity = tilt_measurement.measure(sliding.source, Camera(frame_rate=50.0), variant="slide")
     assert by_gravity.camera["scale_from"] == "gravity"
     share = by_gravity.camera["scale_std_rel"]
-    assert abs(by_gravity.camera["scale_m_per_px"] / SCALE - 1) < 2 * share < 0.5
+    assert abs(by_gravity.camera["scale_m_per_px"] / SCALE - 1) < 3 * share < 0.3
     show_measurement(by_gravity, False, False)
     assert f"mm/px ± {100 * share:.2g} %, from gravity" in capsys.readouterr().out
 
