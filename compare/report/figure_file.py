@@ -83,13 +83,23 @@ def figure_file(
         Drawing, bitmap and table.
     """
     drawing, bitmap = io.StringIO(), io.BytesIO()
+    _lay_out(figure)
     figure.savefig(drawing, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    figure.set_layout_engine("none")  # keeps the places of the drawing; to find them again takes as long as to draw
     figure.savefig(
         bitmap, format="png", dpi=DPI, metadata={"Software": None}, pil_kwargs={"compress_level": PACKED}
     )  # fmt: skip
     head = columns or (tuple(rows[0]) if rows else ())
     return FigureFile(name, drawing.getvalue(), bitmap.getvalue(), table(rows, head), caption or label, label)
+
+
+def _lay_out(figure: Figure) -> None:
+    """Place the axes once for all files; a figure that keeps its engine is drawn once more for each of them."""
+    import matplotlib
+
+    if (engine := figure.get_layout_engine()) is not None:
+        engine.execute(figure)
+        with matplotlib.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
 
 
 def figure_files(page: str, figures: Iterable[FigureFile]) -> dict[str, str | bytes]:
