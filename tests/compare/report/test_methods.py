@@ -108,6 +108,18 @@ def test_what_a_twin_takes_from_the_media_is_stated(comparison):
     assert f"stated: base {base.text}" in text, "a setting stays, whatever words the other text has"
 
 
+def test_a_setting_is_left_out_only_where_the_media_have_its_whole_name(comparison):
+    whole = comparison()
+    fall, heap = whole.outcomes
+    given = tuple(
+        replace(twin, assumptions=("count: 1300 (as given).", "Fill: rain (as given).")) for twin in heap.twins
+    )
+    seen = replace(heap, twins=given, from_media="count 1300, filling to the rim")
+    text = methods(replace(whole, outcomes=(fall, seen)), VERSIONS).markdown.partition("Twin of `heap`")[2]
+    assert "count: 1300" not in text
+    assert "; fill: rain (as given)." in text
+
+
 def test_a_run_that_failed_is_stated_with_its_reason(comparison):
     whole = comparison()
     fall, heap = whole.outcomes
